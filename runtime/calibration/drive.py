@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from runtime.calibration.guide import QuitError
 from runtime.calibration.keyed import Keyed
+from runtime.calibration.panel import NO_JOINT, PanelScreen
 from runtime.calibration.sources import Rows, RowSource, Tap
 from runtime.contracts.errors import HostError
 from runtime.control.servos.procedure import Procedure
@@ -29,12 +30,14 @@ class Drive(RowSource):
     """The run.
 
     Attributes:
-        screen: that of the keys.
+        screen: that of the terminal's keys; None: the presses are those of the panel.
         folder: of its instance.
     """
 
+    moves = True
+
     def __init__(
-        self, cut: Cut, tap: Tap[Any], name: str, record: Path | None, view: bool, screen: Keyed,
+        self, cut: Cut, tap: Tap[Any], name: str, record: Path | None, view: bool, screen: Keyed | PanelScreen,
         report: Callable[[str], None], sim: bool = False,
     ) -> None:  # fmt: skip
         """Starts it and waits until it runs.
@@ -45,17 +48,21 @@ class Drive(RowSource):
             name: the instance's.
             record: file of the recording.
             view: show it in the rerun viewer.
-            screen: the terminal's other half.
+            screen: the terminal's other half, or the panel.
             report: takes a line of text before and after the terminal is taken.
             sim: run on the simulated device, in real time.
         Raises:
             SrlError: it doesn't start.
         """
-        self.screen = self._keyed = screen
+        self.screen: Keyed | None
+        self.screen = keyed = None if isinstance(screen, PanelScreen) else screen
+        self._panel = screen if isinstance(screen, PanelScreen) else None
         self._report = report
         self._rows: RingReader | None = None
         arm = arming.automatic(cut.graph, False)
-        self._session = Session(cut, name, sim, arm, False, report, face=screen, record=record, view=view)
+        self._session = Session(
+            cut, name, sim, arm, False, report, panel=keyed is None, face=keyed, record=record, view=view
+        )
         self._turns = self._session.turns()
         self._over = False
         self.folder = RunFolder.of(name)
@@ -71,6 +78,10 @@ class Drive(RowSource):
             self.close()
             raise
 
+    @property
+    def interrupted(self) -> bool:  # type: ignore[override]
+        return self._session.interrupted
+
     def take(self) -> Rows:
         assert self._rows is not None
         until = time.monotonic() + _LOOK
@@ -84,6 +95,8 @@ class Drive(RowSource):
     def begin(self, procedure: Any) -> None:
         step: Procedure = procedure
         self._session.hold.guide(step.step.moves, time.monotonic())
+        if self._panel is not None:
+            self._panel.joint = NO_JOINT if step.step.moves is None else step.step.moves
         if self._session.desk is not None:
             self._session.desk.set(self._mark, float(step.step.mark))
 
@@ -104,9 +117,10 @@ class Drive(RowSource):
             if self._rows is not None:
                 self._rows.close()
                 self._rows = None
-            for text in self._keyed.told:
-                self._report(text)
-            self._keyed.told.clear()
+            if self.screen is not None:
+                for text in self.screen.told:
+                    self._report(text)
+                self.screen.told.clear()
 
     def _turn(self) -> None:
         """One look of the run at terminal and loop. Raises QuitError: it is over."""

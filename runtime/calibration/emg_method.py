@@ -197,7 +197,8 @@ class EmgMethod(Method[Taps, Result]):
         return EmgRecord.model_validate(
             {
                 "format": FORMAT, "person": options.person, "date": result.date, "simulated": result.simulated,
-                "signal": options.signal, "rate": filters.rate, "band": filters.band, "band_order": filters.band_order,
+                "signal": options.signal, "channels": options.channels,
+                "rate": filters.rate, "band": filters.band, "band_order": filters.band_order,
                 "cutoff": filters.cutoff, "cutoff_order": filters.cutoff_order, "window": options.plan.window,
                 "muscles": muscles,
             }
@@ -231,7 +232,8 @@ def _marks(
         problem = f"there is no '{signal}' of named muscles beside '{count}'"
         remedy = "Use the driver `trigno`, or `lsl` with a signal `samples` that has a `block`"
         raise WiringError(f"the input 'samples' of {LAW}", problem, remedy)
+    channels = dict(_asked(graph.profile.devices[device].options).get("channels") or {})
     return {
-        "use": MARKS, "name": MARKS, "person": person, "signal": signal, "count": count,
+        "use": MARKS, "name": MARKS, "person": person, "signal": signal, "count": count, "channels": channels,
         "muscles": list(field.components[0]), "plan": plan.model_dump(), "thresholds": thresholds.model_dump(),
     }  # fmt: skip

@@ -16,6 +16,7 @@ from runtime.calibration.cut import find
 from runtime.calibration.live import Live
 from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
+from runtime.calibration.screen import Screen
 from runtime.calibration.sources import RowSource, Simulated
 from runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
 from runtime.control.shared.guided import Procedure, Samples
@@ -86,7 +87,7 @@ class Method(ABC, Generic[T, R]):
         """Where its rows come from with `--sim`. Raises SrlError."""
         return Simulated(made, text, self.taps, self.say, self.order.record)
 
-    def live(self, text: Source, name: str, record: Path) -> RowSource:
+    def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
         """Where they come from live; `name`: the instance's. Raises SrlError: it doesn't start."""
         return Live(text, self.taps, name, record, self.order.view, self.say)
 

@@ -35,3 +35,4 @@ class Order:
     set: Sequence[str] = ()
     instance: str | None = None
     json: bool = False
+    panel: bool = False

@@ -20,12 +20,17 @@ from runtime.ipc.run_folder import RunFolder
 _KEPT: Final = 6  # lines that the page shows
 _PERIOD: Final = 0.1  # s between two pictures of a step
 _LOOK: Final = 0.05  # s between two looks at what was pressed, at the end
+NO_JOINT: Final = -1
 _LATE: Final = "what was pressed came too late: it was for the step before"
 _NO_FILE: Final = "No file was written."
 
 
 class PanelScreen(Screen):
-    """Shows views on the page, and gives what is pressed there. What is said goes to the terminal, too."""
+    """Shows views on the page, and gives what is pressed there. What is said goes to the terminal, too.
+
+    Attributes:
+        joint: which of the run's joints the page's held keys move now; `NO_JOINT`: none; None: nothing ever moves.
+    """
 
     def __init__(self, title: str, say: Callable[[str], None]) -> None:
         """
@@ -42,6 +47,7 @@ class PanelScreen(Screen):
         self._step: Step | None = None
         self._shown: dict[str, Any] = {}
         self._written = ""
+        self.joint: int | None = None
 
     def begin(self, run_folder: RunFolder) -> None:
         self._folder = run_folder
@@ -79,7 +85,7 @@ class PanelScreen(Screen):
         self._number += new
         self._shown = {
             "task": view.task, "lack": view.lack, "missing": view.missing, "things": view.things,
-            "states": list(view.states), "asks": False,
+            "states": list(view.states), "asks": False, "joint": self.joint,
             "bars": [{"name": b.name, "share": _share(b.share), "said": b.said, "good": b.good} for b in view.bars()],
         }  # fmt: skip
         self._tell()
@@ -99,7 +105,7 @@ class PanelScreen(Screen):
         self._typed.clear()
         self._number, self._step = self._number + 1, None
         self._shown |= {
-            "asks": True, "missing": "", "lack": "", "bars": [],
+            "asks": True, "joint": None if self.joint is None else NO_JOINT, "missing": "", "lack": "", "bars": [],
             "task": "It can't be used as it is" if report.refused else "Done. Look at the report, then write the file",
         }  # fmt: skip
         self._tell()

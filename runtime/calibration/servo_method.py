@@ -18,7 +18,9 @@ from runtime.calibration.drive import Drive
 from runtime.calibration.keyed import Keyed
 from runtime.calibration.method import Method, Say, kept, settings
 from runtime.calibration.order import Order
+from runtime.calibration.panel import PanelScreen
 from runtime.calibration.run_taps import RunTaps, marks_law, words
+from runtime.calibration.screen import Screen
 from runtime.calibration.servo_report import Found, Result
 from runtime.calibration.simulated_drive import SimulatedDrive
 from runtime.calibration.sources import RowSource
@@ -212,7 +214,7 @@ class ServoMethod(Method[Taps, Result]):
     @cached_property
     def driven(self) -> Cut:
         """What `srl jog` would run of the profile, and the marks' law. Raises SrlError."""
-        made = jog_cut(*self._bare(), self._device, self._plan.speed, self.order.sim)
+        made = jog_cut(*self._bare(), self._device, self._plan.speed, self.order.sim, self.order.panel)
         plain, _ = profile.tree(made.source.label, made.source.text, made.source.overrides, made.source.files)
         plain["controllers"].append(self._marks())
         for part in ((plain.get("sim") or {}).get("parts") or {}).values():
@@ -245,8 +247,9 @@ class ServoMethod(Method[Taps, Result]):
     def simulated(self, made: Profile, text: Source) -> RowSource:
         return SimulatedDrive(self.driven, self.taps, self.say, self.order.record)
 
-    def live(self, text: Source, name: str, record: Path) -> RowSource:
-        screen = Keyed(f"srl calibrate {self.order.profile} {WHAT}: {self._device}")
+    def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
+        if not isinstance(screen, PanelScreen):
+            screen = Keyed(f"srl calibrate {self.order.profile} {WHAT}: {self._device}")
         return Drive(self.driven, self.taps, name, record, self.order.view, screen, self.say)
 
     def taps(self, layout: Layout, place: str) -> Taps:

@@ -110,13 +110,13 @@ def _live(
     with EndSignals() as signals:
         asked: list[bool] = []
         signals.pass_to(lambda: asked.append(True))
-        source = method.live(text, name, record)
+        source = method.live(text, name, record, screen)
         try:
             shown = source.screen or screen
             shown.begin(source.folder)
             code = _guided(method, source, procedure, before, shown, lambda: bool(asked))
         except QuitError:
-            if asked:
+            if asked or source.interrupted:
                 return 130  # by Ctrl-C, as a shell says it
             raise
         finally:
@@ -162,7 +162,7 @@ def _guided(
                 raise QuitError("calibration", "it was ended without a file", _USABLE)
             break
         if fine := not isinstance(result, SrlError) and not result.refusals:
-            if source.screen is not None:  # its limb could move, and nobody would watch it meanwhile
+            if source.moves:  # its limb could move, and nobody would watch it meanwhile
                 source.close()
             _write(method, result)
             screen.written(f"{method.target}, its report {_picture(method)}")

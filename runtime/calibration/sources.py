@@ -39,12 +39,15 @@ class RowSource(ABC):
     Attributes:
         taps: where the calibration's signals are in them.
         folder: of its instance, where it is a run.
-        screen: its own, where keys move something; None: it has none.
+        screen: its own, where a terminal's keys move something; None: it has none.
+        moves: whether somebody's presses move something meanwhile.
+        interrupted: whether a signal ended it.
     """
 
     taps: RunTaps
     folder: RunFolder
     screen: Screen | None = None
+    moves = interrupted = False
 
     @abstractmethod
     def take(self) -> Rows:

@@ -76,8 +76,6 @@ def _on_panel(args: argparse.Namespace, title: str) -> Screen:
     from runtime.calibration.panel import PanelScreen
     from runtime.contracts.errors import RequestError
 
-    if args.law == "servos":
-        raise RequestError("--panel", "servos move by keys that are held on the terminal", "Leave it out")
     if args.recording:
         raise RequestError("--panel", "a calibration from recordings isn't guided", "Leave out one of the two")
     if args.sim:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from runtime.cli import add_command
+from runtime.cli import add_command, calibrations
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError
 from runtime.guard import GUARDS
@@ -43,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
     remarks = {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()}
     judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
     options = listed(checked, graph.devices, graph.controllers, graph.world, judges)
+    of_files = calibrations.doubts(source.files.kept, datetime.date.today())
     read = files(checked, graph.devices, graph.controllers, graph.world, judges)
     if args.json:
         content = {
@@ -53,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
             "transforms": transforms(graph),
             "untaken": untaken(graph),
             "files": {path: {"path": str(f.path), "sha256": f.sha256} for path, f in read.items()},
-            "doubts": graph.doubts,
+            "doubts": [*graph.doubts, *of_files],
             "remarks": graph.remarks,
             "commands": guards,
             "clearances": remarks,
@@ -83,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"  option {path}: {_pairs(values)}")
     for path, file in read.items():
         print(f"  file {path}: {file.path}, sha256 {file.sha256}")
-    for doubt in graph.doubts:
+    for doubt in (*graph.doubts, *of_files):
         print(f"  doubted: {doubt}")
     for remark in graph.remarks:
         print(f"  {remark}")

@@ -46,6 +46,7 @@ class Controller(ABC):
         simulated: the option whose file the simulation made, so that it says nothing about a person; "" for none.
         measured_by: the bodies, by name, by which the angles of its calibration were measured; empty for none.
             Where real devices feed the law, that is doubted.
+        fed_as: by input, options of the device that feeds it, which must be as they were at its calibration.
     """
 
     Config: type[ControllerConfig] = ControllerConfig
@@ -68,6 +69,7 @@ class Controller(ABC):
         self.lost = self.contact = False
         self.simulated = ""
         self.measured_by: Mapping[str, Mapping[str, Any]] = {}
+        self.fed_as: Mapping[str, Mapping[str, object]] = {}
 
     def bind(
         self,

@@ -1,6 +1,7 @@
 """The way of a press on the operator's panel to a run of `srl jog --panel`: one datagram in the run folder.
 
-A datagram is JSON: {"joint": index, "way": -1, 0 or 1, "expires": CLOCK_MONOTONIC ns}. Nobody answers: what came of it
+A datagram is JSON: {"joint": index, "way": -1, 0 or 1, "expires": CLOCK_MONOTONIC ns, "fine": bool}; a fine one moves
+at a fifth of the speed. Nobody answers: what came of it
 is in the rows. The press lives until `expires`, which the sender counts from when the page was last known to be alive.
 
 A reset goes the same way, as `runtime.ipc.control_socket` writes it to the loop, and is answered as there: the run of
@@ -21,9 +22,9 @@ MOVES: Final = 0.05  # s of motion that it gives: with `FRESH` and a cycle of 10
 SLOWEST: Final = 100.0  # Hz of the loop, below which that is more
 
 
-def send(run_folder: RunFolder, joint: int, way: int, expires: int) -> bool:
+def send(run_folder: RunFolder, joint: int, way: int, expires: int, fine: bool = False) -> bool:
     """Sends a press; never waits. Returns whether it left: False where no run takes presses from the panel."""
-    content = json.dumps({"joint": joint, "way": way, "expires": expires}).encode()
+    content = json.dumps({"joint": joint, "way": way, "expires": expires, "fine": fine}).encode()
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK) as sender:
         try:
             sender.sendto(content, str(run_folder.press_socket))

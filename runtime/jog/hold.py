@@ -1,4 +1,4 @@
-"""What the terminal tells the law `jog`: a key's press, for as long as it is fresh."""
+"""What the terminal, or the panel, tells the law `jog`: a key's press, for as long as it is fresh."""
 
 from __future__ import annotations
 
@@ -77,10 +77,14 @@ class Hold:
         self._number += 1
         self._until = now + self._fresh
 
-    def press(self, joint: int, way: float, until: float) -> None:
+    def press(self, joint: int, way: float, until: float, now: float) -> None:
         """Takes a press on the panel that is worth something until `until`, s. Way 0 lets the joint brake."""
-        if self._guided and (self._locked or joint != self.joint):
-            joint, way = self.joint, 0.0
+        if self._guided:
+            if way:
+                self._rests = self._rests and now - self._last < PAUSE
+                self._last = now
+            if self._locked or self._rests or joint != self.joint:
+                joint, way = self.joint, 0.0
         self.joint, self.moving, self._until = joint, way, until
         self._number += 1
 

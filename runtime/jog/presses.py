@@ -8,7 +8,7 @@ from typing import Any, Final, Self
 
 from runtime.ipc.presses import FRESH
 from runtime.ipc.run_folder import RunFolder
-from runtime.jog.hold import Hold
+from runtime.jog.hold import FINE, Hold
 from runtime.loop.control_end import ControlEnd, Datagram
 
 _MOST: Final = 16  # datagrams taken at once: a flood must not keep the run's own process busy
@@ -47,12 +47,13 @@ class Presses:
             if datagram.content.get("ask") == "reset":
                 self._resets.append(datagram)
                 continue
-            joint, way, expires = (datagram.content.get(key) for key in ("joint", "way", "expires"))
+            joint, way, expires, fine = (datagram.content.get(key) for key in ("joint", "way", "expires", "fine"))
             # The types first: True is no joint, and 1.0 no index.
-            if type(joint) is int and type(way) is int and type(expires) is int:
-                rest = (expires - time.monotonic_ns()) / 1e9
+            if type(joint) is int and type(way) is int and type(expires) is int and fine in (None, False, True):
+                now = time.monotonic()
+                rest = expires / 1e9 - now
                 if 0 <= joint < self._joints and way in (-1, 0, 1) and 0.0 < rest <= FRESH:
-                    self._hold.press(joint, float(way), time.monotonic() + rest)
+                    self._hold.press(joint, float(way) * (FINE if fine else 1.0), now + rest, now)
         return []
 
     def resets(self, asked: Callable[[int], dict[str, Any] | None]) -> None:

@@ -62,6 +62,7 @@ class Session:
         hold: the chosen joint and the presses.
         why: what ended it; "" for nothing.
         code: 0, or 1 after a fault; once it is over.
+        interrupted: whether a signal has ended it.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class Session:
         self.hold = Hold(tuple(cut.speed), fresh, step)
         self._said: deque[str] = deque(maxlen=_KEPT)
         self.why = ""
+        self.interrupted = False
 
     def run(self) -> int:
         """Runs until a key, a signal or the loss of the terminal ends it. Returns 0, or 1 after a fault.
@@ -138,7 +140,7 @@ class Session:
                 # No bus: the terminal is the only one who may write the requests.
                 beside = helpers(where, False, self._record, self._view)
                 self.supervisor = supervisor = Supervisor(where, launch, state, beside, self._report)
-                signals.pass_to(supervisor.end)
+                signals.pass_to(partial(self._interrupted, supervisor))
                 well = yield from self._supervised(supervisor, kept, terminal)
             finally:
                 signal.signal(signal.SIGTSTP, before)
@@ -147,6 +149,10 @@ class Session:
                     kept.close(well or not ran)
                 where.release()
         self.code = 0 if well else 1
+
+    def _interrupted(self, supervisor: Supervisor) -> None:
+        self.interrupted = True
+        supervisor.end()
 
     def _suspended(self, *_: object) -> None:
         self.why = "it was about to be suspended"

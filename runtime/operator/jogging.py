@@ -10,6 +10,7 @@ from runtime.ipc.layout import Layout, Words
 from runtime.ipc.run_folder import RunFolder
 
 LAW: Final = "jog"  # as `runtime.jog.cut` calls it
+GUIDED: Final = "servo-marks"  # beside it, of `srl calibrate PROFILE servos`
 WAY: Final = "terminal.way"
 
 
@@ -17,7 +18,7 @@ def joints(layout: Layout) -> list[dict[str, Any]]:
     """Name, unit, bounds (None: none) and whether it is measured, of each joint; empty where `srl jog` doesn't run."""
     laws = [entry["use"] for entry in layout.meta.get("controllers", [])]
     commands = list(layout.meta.get("commands", {}))
-    if laws != [LAW] or WAY not in layout.fields or len(commands) != 1:
+    if laws not in ([LAW], [LAW, GUIDED]) or WAY not in layout.fields or len(commands) != 1:
         return []
     names = layout.fields[WAY].labels
     field = layout.fields[commands[0]]

@@ -222,13 +222,16 @@ class OperatorServer(PictureServer):
     def _jog(self, peer: Peer, message: dict[str, Any], now: float) -> None:
         joint, way, heard = message.get("joint"), message.get("way"), number(message, "heard")
         count = len(self._joints)
-        if type(joint) is not int or type(way) is not int or way not in (-1, 0, 1) or not 0 <= joint < max(count, 1):
+        fine = message.get("fine", False)
+        if type(joint) is not int or type(way) is not int or type(fine) is not bool:
+            raise BadMessageError("a jog's joint, way or fine is of a wrong type")
+        if way not in (-1, 0, 1) or not 0 <= joint < max(count, 1):
             raise BadMessageError("no joint, or no way")
         # The page answers each picture with a press. So a page, a line or a server that stalls makes no press, and
         # what waited somewhere is too old when it comes.
         age = now - heard / 1e3
         if count and 0.0 <= age <= presses.FRESH and self._has_control(peer):
-            presses.send(self._folder, joint, way, round((heard / 1e3 + presses.FRESH) * _SECOND))
+            presses.send(self._folder, joint, way, round((heard / 1e3 + presses.FRESH) * _SECOND), fine)
 
     async def _list(self, peer: Peer) -> None:
         name = str(self._view.layout.meta.get("name", ""))

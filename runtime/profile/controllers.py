@@ -74,6 +74,7 @@ def build(b: Builder, devices: list[Driver]) -> list[Law]:
         for signal in (*law.controller.inputs, *law.controller.outputs):
             b.named(signal, f"{name}.{signal.name}", f"{path}.use")
         bound = _inputs(b, law, entry, path, written)
+        _fed_as_calibrated(b, law, devices, path)
         law.transforms = transforms.find(b, law.controller, law.inputs, path)
         _outputs(b, law, entry, path, commands, written, bound)
     for name in commands:
@@ -132,6 +133,20 @@ def _inputs(b: Builder, law: Law, entry: ControllerEntry, path: str, written: _W
         if first.of is None and (measured := b.measured_by(wire.signals[0])) is not None:
             bound[name] = replace(first, of=measured)
     return bound
+
+
+def _fed_as_calibrated(b: Builder, law: Law, devices: list[Driver], path: str) -> None:
+    """Raises WiringError: a device that feeds the law has other options than at the law's calibration."""
+    for name, options in law.controller.fed_as.items():
+        owners = {far.partition(".")[0]: far.partition(".")[2] for far in law.inputs[name].far}
+        for device in (d for d in devices if d.name in owners):
+            signals = getattr(device.config, "signals", None)  # of a device whose profile says its signals
+            entry = signals.get(owners[device.name]) if isinstance(signals, Mapping) else device.config
+            for key, was in options.items():
+                now = getattr(entry, key, None)
+                if now is not None and now != was:
+                    problem = f"its calibration was made with {device.name}.{key} {was}, now it is {now}"
+                    raise WiringError(b.source.place(f"{path}.in.{name}"), problem, "Set it as it was, or calibrate")
 
 
 def _outputs(

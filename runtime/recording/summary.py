@@ -112,16 +112,22 @@ def persons(layout: Layout) -> tuple[str, ...]:
 
 def owner(content: bytes) -> tuple[str, bool]:
     """Whose a calibration file is, and whether it was made in simulation; "" where it doesn't say."""
+    said = file_says(content)
+    if not isinstance(said.get("person"), str):
+        return "", False
+    return said["person"], said.get("simulated") is True
+
+
+def file_says(content: bytes) -> dict[str, Any]:
+    """What a calibration file holds; nothing, where it is none."""
     try:
         said = json.loads(content)
     except ValueError:
         try:
             said = YAML(typ="safe", pure=True).load(content.decode())  # a glove's may be YAML
         except (YAMLError, ValueError):
-            return "", False
-    if not isinstance(said, dict) or not isinstance(said.get("person"), str):
-        return "", False
-    return said["person"], said.get("simulated") is True
+            return {}
+    return said if isinstance(said, dict) else {}
 
 
 def _summary(path: Path) -> Summary:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
 import io
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +20,7 @@ from rich.console import Console
 from runtime.calibration import emg_report, method
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
-from runtime.cli import main
+from runtime.cli import calibrations, main
 from runtime.control.emg.fit import Thresholds
 from runtime.control.emg.procedure import Kind, Procedure
 from runtime.control.emg.record import EmgRecord
@@ -243,7 +245,11 @@ def test_wrong_arguments_are_named(
     ("change", "words"),
     [
         (lambda made: made["muscles"]["biceps"].update(mvc=1e-7), "a contraction must give more"),
-        (lambda made: made["muscles"].update(calf=made["muscles"].pop("biceps")), "components differ"),
+        (
+            lambda made: (made["muscles"].update(calf=made["muscles"].pop("biceps")), made.pop("channels")),
+            "components differ",
+        ),
+        (lambda made: made["muscles"].update(calf=made["muscles"].pop("biceps")), "the slots aren't those of its"),
         (lambda made: made.update(band=[20.0, 1500.0]), "a band of 20 to 1500 Hz at 2000 Hz"),
         (lambda made: made.update(format="srl-ft-1"), "format"),
     ],
@@ -262,6 +268,43 @@ def test_a_file_that_doesnt_fit_is_refused(
 
 
 @pytest.mark.slow
+def test_exchanged_slots_are_refused_and_a_file_of_before_is_doubted(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("--sim") == 0
+    swapped = ["--set", "devices.emg.channels={biceps: 4, triceps: 3}"]
+    capsys.readouterr()
+    assert main(["check", "worn.yaml", *swapped]) == 2
+    said = capsys.readouterr().err
+    assert "controllers.0.in.samples" in said
+    assert "made with emg.channels {'biceps': 3, 'triceps': 4}, now it is {'biceps': 4, 'triceps': 3}" in said
+    assert main(["check", "worn.yaml", "--set", "devices.emg.channels={triceps: 4, biceps: 3}"]) == 2  # another order
+    yesterday = {"simulated": False, "date": str(datetime.date.today() - datetime.timedelta(days=2))}
+    edited(folder / "p07.json", lambda made: made.update(yesterday))
+    assert main(["check", "worn.yaml"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "p07.json: it was made 2 days ago, and holds only while the electrodes stay on the skin" in told
+    edited_again = json.loads((folder / "p07.json").read_text()) | {"date": str(datetime.date.today())}
+    (folder / "p07.json").write_text(json.dumps(edited_again))
+    assert main(["check", "worn.yaml", "--json"]) == 0
+    assert not [each for each in json.loads(capsys.readouterr().out)["doubts"] if "days ago" in each]
+
+
+def test_files_of_two_persons_are_doubted() -> None:
+    today = datetime.date(2026, 1, 2)
+
+    def file(**said: object) -> bytes:
+        return json.dumps(said).encode()
+
+    one, two = file(person="P07"), file(person="P08", format="srl-suit-1", date="2026-01-02")
+    assert calibrations.doubts({"a.json": one, "b.json": one, "c.urdf": b"<robot/>"}, today) == []
+    (said,) = calibrations.doubts({"a.json": one, "b.json": two}, today)
+    assert said.startswith("the files are of 2 persons: P07 (a.json), P08 (b.json)")
+    assert calibrations.doubts({"a.json": one, "b.json": file(person="P08", simulated=True)}, today) == []
+    (said,) = calibrations.doubts({"b.json": two}, datetime.date(2026, 1, 1))
+    assert "on a day that hasn't come yet" in said
+
+
 def test_the_simulated_muscles_of_the_shipped_profile_are_calibrated(tmp_path: Path) -> None:
     gains = "sim.devices.emg.gains={biceps: 0.0008, triceps: 0.0003}"
     told: dict[str, Any] = summary(

@@ -321,9 +321,20 @@ def test_a_key_that_is_held_into_the_next_step_moves_nothing() -> None:
     np.testing.assert_array_equal(hold.told(1.9 + PAUSE)[0], [0.0, 1.0])
     hold.key("1", 2.8)
     assert hold.joint == 1  # the guide chooses
-    hold.press(0, 1.0, 9.0)
+    hold.press(0, 1.0, 9.0, 2.9)
     assert not hold.told(2.9)[0].any()
-    hold.guide(None, 3.0)
+    hold.press(1, 1.0, 9.0, 2.9 + PAUSE)
+    assert hold.told(3.8)[0].tolist() == [0.0, 1.0]
+    hold.guide(1, 3.8)  # the next step is of the same joint
+    for t in (3.82, 4.0, 4.6):
+        hold.press(1, 1.0, t + 0.04, t)
+        assert not hold.told(t)[0].any()
+    hold.press(1, 0.0, 9.0, 4.7)  # let go
+    hold.press(1, -1.0, 9.0, 4.61 + PAUSE)
+    assert hold.told(6.0)[0].tolist() == [0.0, -1.0]
+    hold.guide(None, 7.0)
+    hold.press(1, 1.0, 9.5, 9.0)
+    assert not hold.told(9.0)[0].any()
     hold.key("left", 9.0)
     assert not hold.told(9.0)[0].any()
 

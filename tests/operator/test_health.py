@@ -114,5 +114,13 @@ def test_joints_and_parameters_are_told_with_their_bounds(layout: Layout) -> Non
     assert Parameters.told(layout)[0]["upper"] is None
 
 
+def test_a_guided_calibration_of_servos_is_a_jog_too(layout: Layout) -> None:
+    laws = layout.meta["controllers"]
+    laws.append({"use": "servo-marks"})
+    assert [joint["name"] for joint in jogging.joints(layout)] == list(JOINTS)
+    laws.append({"use": "joint-setpoint"})
+    assert jogging.joints(layout) == []
+
+
 def test_a_run_that_is_no_jog_has_no_joints() -> None:
     assert jogging.joints(body_layout()) == []

@@ -21,7 +21,7 @@ from runtime.ipc.presses import FRESH, MOVES
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
 from runtime.jog.cut import PRESS, RAMP, WAY, cut
-from runtime.jog.hold import Hold
+from runtime.jog.hold import FINE, Hold
 from runtime.jog.presses import Presses
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile
@@ -68,11 +68,19 @@ def test_a_press_arrives_and_lives_for_as_long_as_it_says(folder: RunFolder, end
     assert hold.told(expires / 1e9 + 0.01)[1][0] == 0
 
 
+def test_a_fine_press_moves_at_a_fifth(folder: RunFolder, end: Presses, hold: Hold) -> None:
+    while not hold.moving:
+        presses.send(folder, 0, -1, soon(), fine=True)
+        end.pressed()
+    assert hold.moving == -FINE
+
+
 @pytest.mark.parametrize(
     "content",
     [
         {}, {"joint": 2, "way": 1}, {"joint": -1, "way": 1}, {"joint": True, "way": 1}, {"joint": 0, "way": 2},
         {"joint": 0, "way": 1.0}, {"joint": 0, "way": None}, {"joint": 0, "way": "1"}, {"joint": 0.0, "way": 1},
+        {"joint": 0, "way": 1, "fine": "yes"}, {"joint": 0, "way": 1, "fine": 2},
         {"joint": 0, "way": 1, "expires": None}, {"joint": 0, "way": 1, "expires": 0},
         {"joint": 0, "way": 1, "expires": 1 << 62}, {"joint": 0, "way": 1, "expires": float("nan")},
         {"joint": 0, "way": 1, "expires": float("inf")}, {"joint": 10**30, "way": 1},
@@ -117,7 +125,7 @@ def test_a_held_jog_ends_within_a_tenth_of_a_second_of_the_last_picture(name: st
             now += period
             if pressed:
                 told = now
-                hold.press(0, 1.0, told + FRESH)
+                hold.press(0, 1.0, told + FRESH, told)
             row.views[WAY][:], row.views[PRESS][:] = hold.told(now)
             words[DEVICE.stamp] = (lockstep.count + 1) * lockstep.period
             states.add(lockstep.step())
@@ -131,7 +139,7 @@ def test_a_held_jog_ends_within_a_tenth_of_a_second_of_the_last_picture(name: st
     # The connection is dead. The last press is taken as late as it can be: a number that the law hasn't seen yet.
     late = dead + FRESH - period
     go(late, pressed=False)
-    hold.press(0, 1.0, dead + FRESH)
+    hold.press(0, 1.0, dead + FRESH, dead)
     go(dead + 0.5, pressed=False)
     times, q = np.array(found).T
     speed = q if made.actuator.command.kind is Kind.VELOCITY else np.diff(q, prepend=q[0]) / period

@@ -48,6 +48,7 @@ class EmgRecord(BaseModel):
         date: of the measurement. It holds while the electrodes stay on the skin.
         simulated: of simulated muscles, so it says nothing about a person.
         signal: the samples that were measured, "emg.samples".
+        channels: the device's slot, or the stream's channel, of each muscle; none in a file of before they were kept.
         rate: Hz, of the samples.
         band, band_order, cutoff, cutoff_order: of the filters, as in `processing.Filters`.
         window: s, over which the mean of a contraction's envelope is taken.
@@ -61,6 +62,7 @@ class EmgRecord(BaseModel):
     date: datetime.date
     simulated: bool
     signal: str
+    channels: dict[str, int | str] = {}
     rate: _Positive
     band: tuple[_Positive, _Positive]
     band_order: int
@@ -71,6 +73,8 @@ class EmgRecord(BaseModel):
 
     @model_validator(mode="after")
     def _filters_exist(self) -> EmgRecord:
+        if self.channels and self.channels.keys() != self.muscles.keys():
+            raise ValueError("the slots aren't those of its muscles")
         try:
             self.filters()
         except EmgError as error:

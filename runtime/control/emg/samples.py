@@ -126,6 +126,7 @@ class EmgMarksConfig(ControllerConfig):
     person: str = Field(description="anonymous id")
     signal: str = Field(description="the device's newest samples")
     count: str = Field(description="how many there have been")
+    channels: dict[str, int | str] = Field({}, description="the device's slot of each muscle")
     muscles: tuple[str, ...] = Field(min_length=1, max_length=MUSCLES, description="names of its columns, in order")
     plan: Plan = Plan()
     thresholds: Thresholds = Thresholds()

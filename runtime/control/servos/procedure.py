@@ -275,10 +275,10 @@ class Procedure:
                 f"Bring '{name}' home: hold {'right' if self._to_go() > 0 else 'left'}, by {abs(self._to_go()):.3f} rad"
             )
         if step.second and name not in self._second:
-            return f"Move '{name}' to its POSITIVE side, by {self._thresholds.apart:g} rad or more; then Enter"
+            return f"Move '{name}' to its POSITIVE side, by {self._thresholds.apart:g} rad or more, then go on"
         angle = self._second[name] if step.second else self._first[name]
         where = "at 0 (straight)" if angle == 0.0 else f"at {angle:g} rad ({degrees(angle):.1f} degrees)"
-        return f"Move '{name}' until it stands {where}; then Enter"
+        return f"Move '{name}' until it stands {where}, then go on"
 
     def _to_go(self) -> float:
         aim = self.aim

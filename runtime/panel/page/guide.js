@@ -38,6 +38,9 @@ export class Guide {
     else if (message.kind === "guide_gone") this.now = this.report = this.over = null;
   }
 
+  // The joint that is moved now under a held key; -1: none; null: nothing ever moves.
+  joint() { return this.now && !this.over ? this.now.joint ?? null : null; }
+
   // may: whether this page has control; bare: whether there is nothing to see in space; stands: whether the run
   // is stopped.
   draw(linked, may, bare, stands) {
@@ -66,7 +69,8 @@ export class Guide {
     for (const name of ["guide_on", "guide_skip", "guide_end"]) part[name].disabled = !(may && runs);
     part.guide_redo.disabled = !(may && runs && this.chosen);
     part.guide_sure.hidden = !(this.sure() && may && runs);
-    const itself = asks ? "" : "Each step goes on by itself once it is done. ";
+    const moved = "Hold ◀ or ▶ of the joint, under Jog. Go on once it is where it should be. ";
+    const itself = asks ? "" : this.joint() === null ? "Each step goes on by itself once it is done. " : moved;
     const again = `To do one of the ${now.things} again, choose its number${refused ? ' ("r N" below is that)' : ""}.`;
     text(part.guide_words, !runs ? "" : may ? itself + again : "Take control to press these.");
     this.choices(asks && !over && report ? report.choices : [], may && runs);

@@ -148,7 +148,7 @@ function jogWords(newest, may) {
   if (!newest.takes) return "This run is jogged on its terminal. To jog here, begin it with: srl jog PROFILE DEVICE --panel";
   if (!may) return "Take control to jog.";
   if (newest.health.now !== "active") return "A joint moves only while the run is active.";
-  return "Hold ◀ or ▶. After a click here, while the blue line stands at the left, also the keys ← and →; ↑ ↓ and 1 to 0 choose a joint. Any other key brakes. After a start or reset, wait a moment with no key held.";
+  return "Hold ◀ or ▶. After a click here, while the blue line stands at the left, also the keys ← and →, slowly , and .; ↑ ↓ and 1 to 0 choose a joint. Any other key brakes. After a start or reset, wait a moment with no key held.";
 }
 
 function size(bytes) {

@@ -4,7 +4,7 @@
 // while the focus is in the jog's area: elsewhere an arrow scrolls, or moves a slider.
 import { button, made, measure, text } from "/part.js";
 
-const WAYS = { ArrowLeft: -1, ArrowRight: 1 };
+const WAYS = { ArrowLeft: [-1], ArrowRight: [1], ",": [-1, true], ".": [1, true] }; // and whether it is a fine motion
 const GAP = 150; // ms without a picture after which a held key must be pressed anew
 
 export class Pad {
@@ -15,6 +15,8 @@ export class Pad {
     this.rows = [];
     this.joint = 0;
     this.way = 0; // the sense in which the held key or button moves; 0: none is held
+    this.fine = false; // whether it moves slowly
+    this.only = null; // the joint that a guided calibration moves now; -1: none; null: there is no such calibration
     this.key = this.code = ""; // the key that is held, as it means and as it lies; "": a button is held
     this.told = this.came = 0; // the newest picture's own time; when it came
     this.allowed = false;
@@ -35,7 +37,7 @@ export class Pad {
 
   show(joints) {
     this.release();
-    [this.joints, this.joint] = [joints, 0];
+    [this.joints, this.joint] = [joints, this.only > 0 ? this.only : 0];
     this.rows = joints.map((joint, i) => {
       const row = made("div", "joint"), name = button(joint.name, () => this.choose(i));
       const place = made("output"), range = made("span", "quiet");
@@ -47,7 +49,7 @@ export class Pad {
         held.addEventListener("pointerdown", (event) => {
           if (event.button) return;
           this.choose(i);
-          this.hold(way, "", "");
+          if (this.joint === i) this.hold(way, false, "", "");
         });
         held.addEventListener("pointerleave", () => this.release());
         return held;
@@ -59,7 +61,17 @@ export class Pad {
     this.mark();
   }
 
+  // A guided calibration says which joint moves; what was held was meant for the one before.
+  guide(only) {
+    if (only === this.only) return;
+    this.release();
+    this.only = only;
+    if (only >= 0) this.choose(only);
+    this.mark();
+  }
+
   choose(i) {
+    if (this.only !== null && i !== this.only) return;
     if (i === this.joint || !(i >= 0 && i < this.joints.length)) return;
     this.release();
     this.joint = i;
@@ -72,17 +84,17 @@ export class Pad {
     if (event.repeat && this.key && event.key !== this.key) this.release();
     if (!this.allowed || event.repeat) return;
     if (event.altKey || event.ctrlKey || event.metaKey) { this.release(); return; }
-    const way = WAYS[event.key], step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
-    if (way) this.hold(way, event.key, event.code);
+    const [way, fine] = WAYS[event.key] || [], step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+    if (way) this.hold(way, Boolean(fine), event.key, event.code);
     else this.release(); // any other key brakes
     if (step) this.choose((this.joint + step + this.joints.length) % this.joints.length);
     if (/^[0-9]$/.test(event.key)) this.choose((Number(event.key) + 9) % 10);
     if (way || step) event.preventDefault();
   }
 
-  hold(way, key, code) {
-    if (!this.allowed) return;
-    [this.way, this.key, this.code] = [way, key, code];
+  hold(way, fine, key, code) {
+    if (!this.allowed || this.only === -1) return;
+    [this.way, this.fine, this.key, this.code] = [way, fine, key, code];
   }
 
   focused() { return this.area.contains(document.activeElement); }
@@ -99,11 +111,11 @@ export class Pad {
     if (gap) this.release();
     this.allowed = allowed && this.joints.length > 0 && message.takes;
     if (!this.allowed || document.hidden || !document.hasFocus() || (this.key && !this.focused())) this.release();
-    if (this.way) this.say({ kind: "jog", joint: this.joint, way: this.way, heard: message.told });
+    if (this.way) this.say({ kind: "jog", joint: this.joint, way: this.way, fine: this.fine, heard: message.told });
     this.rows.forEach(({ place, ways }, i) => {
       const at = message.places[i] ?? null;
       text(place, at === null ? "-" : `${at.toFixed(3)} ${this.joints[i].unit === "1" ? "" : this.joints[i].unit}`.trim());
-      for (const way of ways) way.disabled = !this.allowed;
+      for (const way of ways) way.disabled = !this.allowed || (this.only !== null && i !== this.only);
     });
   }
 }

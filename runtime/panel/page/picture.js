@@ -19,6 +19,7 @@ const link = new Link(hear, () => operator.lost());
 function hear(message) {
   operator.hear(message);
   guide.hear(message);
+  operator.pad.guide(guide.joint());
   if (message.kind === "scene") show(message);
   else if (message.kind === "frame") {
     newest = message;
