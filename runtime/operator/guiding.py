@@ -48,8 +48,11 @@ class Guiding:
 
     def forget(self) -> list[dict[str, Any]]:
         """Another run has begun: the calibration that has ended isn't its. What the pages are told."""
+        found = self._reader.take()  # it may have ended a moment ago
+        for message in found:
+            self._keep(message)
         if self._reader.there or not self.newest:
-            return []
+            return found
         self.newest.clear()
         return [{"kind": GONE}]
 
