@@ -28,7 +28,7 @@ from runtime.contracts.signals import Array
 from runtime.contracts.tls import TlsConfig
 from runtime.ipc.run_folder import RunFolder, running
 from runtime.messages import cdr, messages
-from runtime.profile.keys import COMMANDS, Keys
+from runtime.profile.keys import COMMANDS, ROLES, Keys
 
 _ENDPOINT = re.compile(r"^(tcp|tls|unixsock-stream)/")
 KEPT = 1024  # samples kept for a slow reader; the oldest are dropped first
@@ -79,6 +79,10 @@ class Client:
     """A client of one instance, made by `connect`.
 
     Close it or use it in a `with` statement: an open session makes the process hang at its end.
+
+    Attributes:
+        instance: its name.
+        role: what its certificate may do, one of ROLES; None for a client on the instance's machine.
     """
 
     def __init__(self, endpoint: str, tls: TlsConfig | None, timeout: float) -> None:
@@ -89,7 +93,8 @@ class Client:
         except BaseException:
             self._session.close()
             raise
-        self.keys = Keys(self.instance)
+        self.role = self._role() if endpoint.startswith("tls/") else None
+        self.keys = Keys(self.instance, self.role)
         self._there: set[str] = set()  # setpoints that the instance is known to have
 
     def _find(self) -> str:
@@ -103,6 +108,13 @@ class Client:
                     f"bus ({self._endpoint})", "no srl instance is alive there", "Is the service running?"
                 )
             time.sleep(0.02)
+
+    def _role(self) -> str | None:
+        """The role of this client's certificate: only the keys of that role answer it."""
+        for role in reversed(ROLES):
+            if self._get(Keys(self.instance, role).whoami):
+                return role
+        return None
 
     def close(self) -> None:
         """Ends the session."""

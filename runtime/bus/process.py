@@ -109,7 +109,7 @@ class Bus:
         self._events_out = publisher(self._keys.events, messages.STRING)
         self._declared: list[Any] = []
         for key, answer in self._requests.handlers().items():
-            stops = key == self._keys.command("stop")
+            stops = key in self._requests.stops()
             into = self._arrivals.into_stops(answer, key) if stops else self._arrivals.into(answer)
             self._declared.append(s.declare_queryable(key, into))
         known = self._requests.known()

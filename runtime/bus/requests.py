@@ -21,22 +21,23 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
+from runtime.bus import refusals
 from runtime.bus.arrivals import Arrivals
-from runtime.bus.status import CAUSES, Counts
+from runtime.bus.status import Counts
 from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
-from runtime.ipc import latches
 from runtime.ipc.layout import Layout
-from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.words import CYCLE, DEVICE, Cause, Origin, State
+from runtime.ipc.requests import Answer, RequestKind, RequestWriter, permitted
+from runtime.ipc.words import CLIENTS, CYCLE, DEVICE, Origin, State
 from runtime.messages import messages
-from runtime.profile.keys import COMMANDS, Keys
+from runtime.profile.keys import COMMANDS, ROLES, Keys
 
 PATIENCE = 1_000_000_000  # ns after which a request that the loop has not taken is given up
 UNDERWAY = 4  # requests in the ring at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
-_OVERTAKEN = "a stop came after it", "Ask again"
+_ORIGINS = {None: Origin.BUS} | {role: Origin[role.upper()] for role in ROLES}  # by the role of the keys
+_TOLD = 1_000_000_000  # ns between requests beyond a role that are passed on, so that the rows hold them
 _KINDS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
 _REQUEST, _KIND, _RESULT, _STATE = CYCLE.request, CYCLE.request_kind, CYCLE.request_result, CYCLE.state
 _CAUSE, _CULPRIT, _LATCHES, _ORIGIN = CYCLE.cause, CYCLE.culprit, CYCLE.latches, CYCLE.request_origin
@@ -64,6 +65,7 @@ class Pending:
     target: int
     values: Array | None
     until: int  # CLOCK_MONOTONIC ns
+    origin: Origin
 
 
 class Requests:
@@ -82,7 +84,9 @@ class Requests:
         self._waiting: deque[Pending] = deque()
         self._newest: dict[int, tuple[int, Array]] = {}  # setpoints to send next, by index: expiry, values
         self._asked: list[Asked] = []
-        self._by_key = {keys.setpoint(s["name"]): i for i, s in enumerate(self._setpoints)}
+        self._keys_of = [keys, *(Keys(keys.instance, role) for role in ROLES)]
+        self._by_key = {k.setpoint(s["name"]): (k, i) for k in self._keys_of for i, s in enumerate(self._setpoints)}
+        self._told: dict[Origin, int] = {}  # CLOCK_MONOTONIC ns
         owners = [s["name"].partition(".")[0] for s in self._setpoints]
         self._frames = [layout.device(layout.devices.index(owner)).start + DEVICE.frames for owner in owners]
         self._row: NDArray[np.int64] | None = None
@@ -93,28 +97,38 @@ class Requests:
     def handlers(self) -> dict[str, Callable[[zenoh.Query], None]]:
         """The functions that answer queries, by key expression."""
         found: dict[str, Callable[[zenoh.Query], None]] = {}
-        for name in COMMANDS:
-            found[self._keys.command(name)] = partial(self._command, name)
-        for i, parameter in enumerate(self._parameters):
-            found[self._keys.parameter(parameter["name"])] = partial(self._parameter, i)
-        for i, setpoint in enumerate(self._setpoints):
-            found[self._keys.setpoint(setpoint["name"])] = partial(self._asked_setpoint, i)
+        for keys in self._keys_of:
+            for name in COMMANDS:
+                found[keys.command(name)] = partial(self._command, keys, name)
+            for i, parameter in enumerate(self._parameters):
+                found[keys.parameter(parameter["name"])] = partial(self._parameter, keys, i)
+            for i, setpoint in enumerate(self._setpoints):
+                found[keys.setpoint(setpoint["name"])] = partial(self._asked_setpoint, keys, i)
+            if keys.role is not None:
+                found[keys.whoami] = partial(self._whoami, keys)
         return found
+
+    def stops(self) -> frozenset[str]:
+        """The keys of the command that never waits."""
+        return frozenset(keys.command("stop") for keys in self._keys_of if keys.role != "observer")
 
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
         """The functions that take samples, by key."""
-        return {self._keys.setpoints: self._put_setpoint}
+        return {keys.setpoints: self._put_setpoint for keys in self._keys_of if keys.role != "observer"}
 
     def strangers(self) -> dict[str, Callable[[zenoh.Query], None]]:
         """The functions that answer queries for names that aren't there, by the expression of all keys of the kind.
 
         They must be given no other query: `known` tells.
         """
-        return {
-            self._keys.commands: partial(self._unknown, "command", COMMANDS),
-            self._keys.parameters: partial(self._unknown, "parameter", [p["name"] for p in self._parameters]),
-            self._keys.setpoints: partial(self._unknown, "setpoint", [s["name"] for s in self._setpoints]),
-        }
+        found: dict[str, Callable[[zenoh.Query], None]] = {}
+        for keys in self._keys_of:
+            found |= {
+                keys.commands: partial(self._unknown, keys, "command", COMMANDS),
+                keys.parameters: partial(self._unknown, keys, "parameter", [p["name"] for p in self._parameters]),
+                keys.setpoints: partial(self._unknown, keys, "setpoint", [s["name"] for s in self._setpoints]),
+            }
+        return found
 
     def known(self) -> Callable[[zenoh.Query], bool]:
         """A function, for any thread, that tells whether a query is for a name that is there, or for many names."""
@@ -133,19 +147,24 @@ class Requests:
 
     # Queries
 
-    def _command(self, name: str, query: zenoh.Query) -> None:
-        key = self._keys.command(name)
+    def _whoami(self, keys: Keys, query: zenoh.Query) -> None:
+        self._reply(query, keys.whoami, {"role": keys.role})
+
+    def _command(self, keys: Keys, name: str, query: zenoh.Query) -> None:
+        key = keys.command(name)
         crowd = len(self._underway if name == "stop" else self._waiting)
         if not self._answerable(query, key, crowd):
             return
         if name != "stop" and self._arrivals.overtaken:
-            self._refuse(query, key, RequestError(key, *_OVERTAKEN))
+            self._refuse(query, key, RequestError(key, *refusals.OVERTAKEN))
         else:
-            self._ask(Pending(query, key, _KINDS[name], 0, None, time.monotonic_ns() + PATIENCE))
+            self._pass_on(
+                Pending(query, key, _KINDS[name], 0, None, time.monotonic_ns() + PATIENCE, _ORIGINS[keys.role])
+            )
 
-    def _parameter(self, index: int, query: zenoh.Query) -> None:
+    def _parameter(self, keys: Keys, index: int, query: zenoh.Query) -> None:
         parameter = self._parameters[index]
-        key = self._keys.parameter(parameter["name"])
+        key = keys.parameter(parameter["name"])
         if query.payload is None or not query.payload.to_bytes():
             # Reading is harmless: a wildcard may read all parameters.
             value = None if self._row is None else self._value(self._row, index)
@@ -162,14 +181,20 @@ class Requests:
         except RequestError as error:
             self._refuse(query, key, error)
             return
-        self._ask(Pending(query, key, RequestKind.PARAMETER, index, values, time.monotonic_ns() + PATIENCE))
+        until = time.monotonic_ns() + PATIENCE
+        self._pass_on(Pending(query, key, RequestKind.PARAMETER, index, values, until, _ORIGINS[keys.role]))
 
     def _value(self, row: NDArray[np.int64], index: int) -> float:
         return float(self._layout.value(row[np.newaxis], self._parameters[index]["name"])[0])
 
-    def _asked_setpoint(self, index: int, query: zenoh.Query) -> None:
+    def _asked_setpoint(self, keys: Keys, index: int, query: zenoh.Query) -> None:
         setpoint = self._setpoints[index]
-        key = self._keys.setpoint(setpoint["name"])
+        key = keys.setpoint(setpoint["name"])
+        # Also where it only asks before it sends: its samples would be lost in silence.
+        if str(query.key_expr) == key and not permitted(_ORIGINS[keys.role], RequestKind.SETPOINT):
+            self._reject(error := refusals.beyond(key, _ORIGINS[keys.role]))
+            self._refuse(query, key, error)
+            return
         payload = b"" if query.payload is None else query.payload.to_bytes()
         if not payload:
             # Reading is harmless, as with parameters.
@@ -189,8 +214,8 @@ class Requests:
         key = str(sample.key_expr)
         try:
             if key not in self._by_key:
-                raise self._no_such("setpoint", [s["name"] for s in self._setpoints], key)
-            self._setpoint(sample.payload.to_bytes(), str(sample.encoding), self._by_key[key], key)
+                raise self._no_such(self._keys, "setpoint", [s["name"] for s in self._setpoints], key)
+            self._setpoint(sample.payload.to_bytes(), str(sample.encoding), self._by_key[key][1], key)
         except RequestError as error:
             self._reject(error)
 
@@ -204,12 +229,12 @@ class Requests:
             self._refuse(other.query, key, RequestError(key, "a newer setpoint took its place", "Send one at a time"))
         return values
 
-    def _unknown(self, what: str, names: Sequence[str], query: zenoh.Query) -> None:
+    def _unknown(self, keys: Keys, what: str, names: Sequence[str], query: zenoh.Query) -> None:
         key = str(query.key_expr)
-        self._refuse(query, key, self._no_such(what, names, key))
+        self._refuse(query, key, self._no_such(keys, what, names, key))
 
-    def _no_such(self, what: str, names: Sequence[str], key: str) -> RequestError:
-        name = key.removeprefix(f"{self._keys.root}/").partition("/")[2].replace("/", ".")
+    def _no_such(self, keys: Keys, what: str, names: Sequence[str], key: str) -> RequestError:
+        name = key.removeprefix(f"{keys.asked}/").partition("/")[2].replace("/", ".")
         return RequestError(key, f"there is no {what} '{name}'", nearest(name, names))
 
     def _reject(self, error: RequestError) -> None:
@@ -245,18 +270,28 @@ class Requests:
 
     # The way to the loop and back
 
+    def _pass_on(self, pending: Pending) -> None:
+        """Sends a request on its way. Of those beyond a role the loop gets one a second, to refuse: a record."""
+        if not permitted(pending.origin, pending.kind):
+            now = time.monotonic_ns()
+            if now - self._told.get(pending.origin, 0) < _TOLD:
+                self._refuse(pending.query, pending.place, refusals.beyond(pending.place, pending.origin))
+                return
+            self._told[pending.origin] = now
+        self._ask(pending)
+
     def _ask(self, pending: Pending) -> None:
-        if pending.kind is RequestKind.STOP:
+        if pending.kind is RequestKind.STOP and permitted(pending.origin, pending.kind):
             for other in [p for p in self._waiting if p.kind in (RequestKind.START, RequestKind.RESET)]:
                 self._waiting.remove(other)  # it came before the stop and would move the limb after it
-                self._refuse(other.query, other.place, RequestError(other.place, *_OVERTAKEN))
+                self._refuse(other.query, other.place, RequestError(other.place, *refusals.OVERTAKEN))
             self._send(pending)
         else:
             self._waiting.append(pending)
             self._fill()
 
     def _send(self, pending: Pending) -> None:
-        number = self._ring.send(pending.kind, pending.until, pending.target, pending.values)
+        number = self._ring.send(pending.kind, pending.until, pending.target, pending.values, pending.origin)
         self._underway[number] = pending
 
     def _fill(self) -> None:
@@ -308,7 +343,7 @@ class Requests:
 
     def _answer(self, row: NDArray[np.int64]) -> None:
         pending = self._underway.pop(int(row[_REQUEST]), None)
-        if pending is None or int(row[_KIND]) != pending.kind or int(row[_ORIGIN]) != Origin.BUS:
+        if pending is None or int(row[_KIND]) != pending.kind or int(row[_ORIGIN]) not in CLIENTS:
             return  # the request came from an earlier bus process
         answer, state = Answer(int(row[_RESULT])), State(int(row[_STATE])).name.lower()
         if answer is Answer.DONE:
@@ -317,46 +352,8 @@ class Requests:
                 content["value"] = self._value(row, pending.target)
             self._reply(pending.query, pending.place, content)
             return
-        cause = Cause(int(row[_CAUSE]))
-        who = self._layout.culprit(cause, int(row[_CULPRIT]))
-        why = CAUSES[cause] + (f" ({who})" if who else "")
-        problem, remedy = {
-            Answer.REFUSED_STATE: (
-                f"not possible while {state}",
-                {
-                    RequestKind.START: "Start is for the state ready",
-                    RequestKind.RESET: "Reset is for the state stopped",
-                }.get(pending.kind, "Look at the status"),
-            ),
-            Answer.REFUSED_FAULT: (
-                f"what caused the stop is still there: {why}",
-                "Mend that (a device that refuses to move was told to recover), then ask again",
-            ),
-            Answer.REFUSED_LATCH: (
-                f"clients of the bus may not release what stands ({', '.join(latches.names(int(row[_LATCHES])))})",
-                f"Run `srl {'start' if state == 'ready' else 'reset'} {self._keys.instance}` on its machine, or let "
-                "the profile grant it (`reset: {bus: [...]}`)",
-            ),
-            Answer.REFUSED_RATE: ("too many requests, more than 5 a second from the bus", "Ask less often"),
-            Answer.OVERTAKEN: _OVERTAKEN,
-            Answer.REFUSED_UNMEASURED: (
-                "nothing measures where the limb is now, and it would go home by itself",
-                "End the run, put the limb near its home, and begin again",
-            ),
-            Answer.REFUSED_KEPT: (
-                "the profile says that nothing may release in this run what stands",
-                "End the run; `reset.keeps` of the profile names the latches",
-            ),
-            Answer.REFUSED_VALUE: (
-                "the loop found the value not finite or out of bounds",
-                "Ask without payload for the bounds",
-            ),
-            Answer.EXPIRED: (
-                "the loop came to it too late",
-                "Ask again; if it stays so, look at the overruns",
-            ),
-        }.get(answer, (f"the loop refused it ({answer.name.lower()})", "Look at the status"))
-        self._refuse(pending.query, pending.place, RequestError(pending.place, problem, remedy), state)
+        error = refusals.refused(answer, pending.kind, pending.place, pending.origin, row, self._layout, self._keys)
+        self._refuse(pending.query, pending.place, error, state)
 
     def _give_up(self, pending: Pending, problem: str) -> None:
         error = RequestError(pending.place, problem, "Look at the status before asking again")

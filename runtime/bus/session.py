@@ -15,7 +15,7 @@ import zenoh
 from runtime.contracts.errors import HostError, RequestError
 from runtime.contracts.tls import TlsConfig
 from runtime.profile.bus import BusConfig
-from runtime.profile.keys import Keys
+from runtime.profile.keys import ROLES, Keys
 
 LONGEST_PATH = 107  # bytes of a Unix socket's path, Linux
 SOCKET_UMASK = 0o117  # the socket's mode is 0660: the service's user and group
@@ -37,7 +37,7 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
         "listen": {"endpoints": endpoints, "exit_on_failure": True, "timeout_ms": 0},
         "connect": {"endpoints": []},
         "adminspace": {"enabled": False},
-        "access_control": _access(keys),
+        "access_control": _access(keys, config),
     }
     if config.tls is not None:
         content["transport"]["link"] = {"tls": _tls(config.tls, "listen")}
@@ -89,22 +89,25 @@ def _tls(tls: TlsConfig, side: str) -> dict[str, Any]:
     }
 
 
-def _access(keys: Keys) -> dict[str, Any]:
-    """The rules for clients: they may read, query and put setpoints. Only the service publishes for the instance."""
-    everything = [f"{keys.root}/**"]
+_READ = ["query", "declare_subscriber"]
+
+
+def _access(keys: Keys, config: BusConfig) -> dict[str, Any]:
+    """The rules for clients. Only the service publishes for the instance.
+
+    On this machine they may read, query and put setpoints. From the network a certificate may read, and ask under
+    the keys of its role alone; one whose name the profile doesn't have may do nothing.
+    """
     rules: list[dict[str, Any]] = [
-        {
-            "id": "setpoints",
-            "flows": ["ingress"],
-            "messages": ["put"],
-            "key_exprs": [f"{keys.root}/setpoint/**"],
-        },
+        {"id": "setpoints", "flows": ["ingress"], "messages": ["put"], "key_exprs": [f"{keys.root}/setpoint/**"]},
         # Wider than the instance, as a client may read by `srl/**`. Nothing else is published here.
+        {"id": "ask", "flows": ["ingress"], "messages": _READ, "key_exprs": ["srl/**"]},
+        {"id": "no role", "flows": ["ingress"], "messages": ["query", "put"], "key_exprs": [f"{keys.root}/as/**"]},
         {
-            "id": "ask",
+            "id": "read",
             "flows": ["ingress"],
-            "messages": ["query", "declare_subscriber"],
-            "key_exprs": ["srl/**"],
+            "messages": _READ,
+            "key_exprs": [f"{keys.root}/state/**", keys.status, keys.events],
         },
         {
             "id": "presence",
@@ -116,14 +119,27 @@ def _access(keys: Keys) -> dict[str, Any]:
             "id": "speak",
             "flows": ["egress"],
             "messages": ["put", "reply", "liveliness_token", "declare_queryable", "declare_subscriber"],
-            "key_exprs": everything,
+            "key_exprs": [f"{keys.root}/**"],
         },
     ]
-    names = [rule["id"] for rule in rules]
+    subjects: list[dict[str, Any]] = [{"id": "local", "link_protocols": ["unixsock-stream", "tcp"]}]
+    policies = [{"rules": ["setpoints", "ask", "no role", "presence", "speak"], "subjects": ["local"]}]
+    roles: dict[str, tuple[str, ...]] = {str(role): names for role, names in config.roles.items()}
+    for role in ROLES:
+        if names := roles.get(role, ()):
+            own = Keys(keys.instance, role)
+            rules.append({"id": role, "flows": ["ingress"], "messages": ["query"], "key_exprs": [f"{own.asked}/**"]})
+            given = ["read", "presence", "speak", role]
+            if role != "observer":
+                into = f"{role}'s setpoints"
+                rules.append({"id": into, "flows": ["ingress"], "messages": ["put"], "key_exprs": [own.setpoints]})
+                given.append(into)
+            subjects.append({"id": role, "link_protocols": ["tls"], "cert_common_names": list(names)})
+            policies.append({"rules": given, "subjects": [role]})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [rule | {"permission": "allow"} for rule in rules],
-        "subjects": [{"id": "anyone"}],
-        "policies": [{"rules": names, "subjects": ["anyone"]}],
+        "rules": [rule | {"permission": "deny" if rule["id"] == "no role" else "allow"} for rule in rules],
+        "subjects": subjects,
+        "policies": policies,
     }

@@ -31,6 +31,7 @@ COMMANDS = {
     "top": "live view of a running instance",
     "panel": "a running instance in the browser: the operator's panel, or the participant's screen",
     "lsl": "sends a running instance's signals to a lab's recorder (Lab Streaming Layer)",
+    "keys": "makes certificates for the bus over the network: the service's, and clients' with their roles",
     "find-port": "lists the serial ports, what each may be, and whether you may open it",
     "doctor": "says whether this host is fit, and what mends it",
 }

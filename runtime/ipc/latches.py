@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from runtime.ipc.words import Cause, Latch, Origin
+from runtime.ipc.words import CLIENTS, Cause, Latch, Origin
 
 NONE = Latch(0)
 LASTING = Latch.PERSON | Latch.BUS | Latch.EMERGENCY | Latch.FAULT | Latch.RESTART  # those that outlive a run
 ALL = LASTING | Latch.START
 # Which latch the request for a stop sets, by its origin.
-OF_STOP = {Origin.LOCAL: Latch.PERSON, Origin.INPUT: Latch.PERSON, Origin.BUS: Latch.BUS, Origin.SERVICE: NONE}
+OF_STOP = {Origin.LOCAL: Latch.PERSON, Origin.INPUT: Latch.PERSON, Origin.SERVICE: NONE}
+OF_STOP |= dict.fromkeys(CLIENTS, Latch.BUS)
 # Which latches a start or a reset may release, by its origin. For the bus the profile decides.
 RELEASES = {Origin.LOCAL: ALL, Origin.INPUT: ALL, Origin.SERVICE: NONE}
 GRANTED = Latch.BUS  # what clients of the bus may release unless the profile says otherwise (`reset.bus`)
@@ -40,7 +41,7 @@ def of_cause(cause: Cause) -> Latch:
 
 def releasable(origin: Origin, granted: Latch) -> Latch:
     """The latches that a start or reset of this origin may release. `granted`: to clients of the bus."""
-    return granted if origin is Origin.BUS else RELEASES[origin]
+    return granted if origin in CLIENTS else RELEASES[origin]
 
 
 def names(latches: int) -> list[str]:

@@ -4,7 +4,7 @@ The bus checks a request before it writes it. The loop repeats the checks that c
 not expired). The answer needs no channel of its own: the loop writes the request's number and its result into
 the row of the cycle that took it, and the sender reads it there.
 
-Record (int64 words): id, kind, target, expires (CLOCK_MONOTONIC ns), count, then `VALUES` float64 words.
+Record (int64 words): id, kind, target, expires (CLOCK_MONOTONIC ns), count, origin, then `VALUES` float64 words.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.words import Origin
+from runtime.ipc.words import CLIENTS, Origin
 
 VALUES = 64
-WIDTH = 5 + VALUES
+_HEAD = 6
+WIDTH = _HEAD + VALUES
 CAPACITY = 1024
 
 
@@ -46,6 +47,13 @@ STATE_REQUESTS = frozenset(
 )
 
 
+def permitted(origin: Origin, kind: RequestKind) -> bool:
+    """Whether a sender of this origin may ask for it: an observer reads, parameters are the engineer's."""
+    if origin is Origin.OBSERVER:
+        return False
+    return origin is not Origin.OPERATOR or kind is not RequestKind.PARAMETER
+
+
 class Answer(IntEnum):
     """The result of a request."""
 
@@ -60,6 +68,7 @@ class Answer(IntEnum):
     OVERTAKEN = 8  # a stop came after it
     REFUSED_UNMEASURED = 9  # nothing measures where the limb is, and it would move by itself
     REFUSED_KEPT = 10  # a latch stands that nothing may release in this run
+    REFUSED_ROLE = 11  # its sender's role may not ask for it
 
 
 @dataclass(slots=True)
@@ -80,20 +89,27 @@ class RequestWriter:
     def __init__(self, path: Path) -> None:
         self._ring = RingWriter(path, WIDTH)
         self._words = np.zeros(WIDTH, np.int64)
-        self._values = self._words[5:].view(np.float64)
+        self._values = self._words[_HEAD:].view(np.float64)
 
     @staticmethod
     def create(path: Path) -> None:
         """Makes the file. The supervisor does this once a run."""
         RingWriter.create(path, WIDTH, CAPACITY).close()
 
-    def send(self, kind: RequestKind, expires: int, target: int = 0, values: Array | None = None) -> int:
-        """Appends a record; returns its id (the ring's sequence number)."""
+    def send(
+        self,
+        kind: RequestKind,
+        expires: int,
+        target: int = 0,
+        values: Array | None = None,
+        origin: Origin = Origin.BUS,
+    ) -> int:
+        """Appends a record; returns its id (the ring's sequence number). `origin`: one of CLIENTS."""
         count = 0 if values is None else values.size
         if count > VALUES:
             raise ValueError(f"{count} values in one request; {VALUES} at most")
         number = self._ring.head + 1
-        self._words[:5] = number, kind, target, expires, count
+        self._words[:_HEAD] = number, kind, target, expires, count, origin
         if values is not None:
             self._values[:count] = values.ravel()
         self._ring.append(self._words)
@@ -115,15 +131,15 @@ class RequestReader:
         """Returns all new requests, oldest first. An empty list is the usual case and costs little."""
         if self._ring.head == self._ring.sequence:
             return []
-        rows = [row for row in self._ring.take(CAPACITY) if int(row[1]) in _KINDS]
+        rows = [row for row in self._ring.take(CAPACITY) if int(row[1]) in _KINDS and int(row[5]) in CLIENTS]
         return [
             Request(
                 int(row[0]),
                 RequestKind(int(row[1])),
                 int(row[2]),
                 int(row[3]),
-                row[5 : 5 + int(row[4])].view(np.float64),
-                Origin.BUS,
+                row[_HEAD : _HEAD + int(row[4])].view(np.float64),
+                Origin(int(row[5])),
             )
             for row in rows
         ]

@@ -117,6 +117,14 @@ class Origin(IntEnum):
     INPUT = 2  # a button that the profile names under `reset:`
     BUS = 3  # a client of the bus
     SERVICE = 4  # the service itself: the supervisor, SIGTERM, the end of the duration
+    OPERATOR = 5  # a client of the bus from the network, whose certificate has this role
+    ENGINEER = 6  # likewise
+    OBSERVER = 7  # likewise; it may only read
+
+
+CLIENTS = frozenset(
+    {Origin.BUS, Origin.OBSERVER, Origin.OPERATOR, Origin.ENGINEER}
+)  # whose requests come through the bus
 
 
 class Latch(IntFlag):

@@ -17,9 +17,9 @@ import numpy as np
 
 from runtime.ipc import latches
 from runtime.ipc.control_socket import LIFETIME
-from runtime.ipc.requests import Answer, Request, RequestKind, RequestReader
+from runtime.ipc.requests import Answer, Request, RequestKind, RequestReader, permitted
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
+from runtime.ipc.words import CLIENTS, DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
 from runtime.loop.control_end import ControlEnd, Datagram
 from runtime.loop.rate import TokenBucket
 from runtime.profile.graph import Graph
@@ -121,7 +121,7 @@ class RequestQueue:
     def _next(self, stops_only: bool) -> PendingRequest | None:
         if self._stops:
             # Those of this machine come first: a crowd at the bus must not delay them.
-            pending = next((p for p in self._stops if p.request.origin is not Origin.BUS), self._stops[0])
+            pending = next((p for p in self._stops if p.request.origin not in CLIENTS), self._stops[0])
             self._stops.remove(pending)
             return pending
         if stops_only:
@@ -177,14 +177,18 @@ class RequestQueue:
     def _take_bus(self, request: Request, now: int, clock: int) -> None:
         """A request from the ring. The bus waits for its number in a row, so a refused one takes a cycle, too."""
         pending = PendingRequest(request)
+        allowed = permitted(request.origin, request.kind)
         if request.kind is RequestKind.SETPOINT:
-            self._set(request, now, clock)
-        elif request.kind is RequestKind.STOP:
+            if allowed:
+                self._set(request, now, clock)
+        elif request.kind is RequestKind.STOP and allowed:
             self._queue_stop(pending)
         elif len(self._waiting[Origin.BUS]) >= _WAITING:
             self.dropped += 1
         else:
-            if request.expires < clock:
+            if not allowed:
+                pending.answer = Answer.REFUSED_ROLE
+            elif request.expires < clock:
                 pending.answer = Answer.EXPIRED
             elif request.kind is not RequestKind.PARAMETER and not self._limits[Origin.BUS].take(now):
                 pending.answer = Answer.REFUSED_RATE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -20,6 +21,9 @@ class BusConfig(BaseModel):
     decimate: int = Field(10, ge=1, description="every how many-th cycle is published")
     listen: tuple[str, ...] = Field((), description="more endpoints: 'tls/0.0.0.0:7447', 'tcp/127.0.0.1:7447'")
     tls: TlsConfig | None = None
+    roles: dict[Literal["observer", "operator", "engineer"], tuple[str, ...]] = Field(
+        {}, description="who may do what from the network: the common names (CN) of the certificates of each role"
+    )
 
     @model_validator(mode="after")
     def _closed(self) -> BusConfig:
@@ -34,6 +38,17 @@ class BusConfig(BaseModel):
                 )
             if match["protocol"] == "tls" and self.tls is None:
                 raise ValueError(f"listen: '{endpoint}' needs `tls:` with ca, certificate and key")
+            if match["protocol"] == "tls" and not any(self.roles.values()):
+                raise ValueError(
+                    f"listen: '{endpoint}' needs `roles:`, which says who may do what by the common names of the "
+                    "certificates: roles: {operator: [anna], observer: [otto]}"
+                )
+        seen: dict[str, str] = {}
+        for role, names in self.roles.items():
+            for name in names:
+                if not name.strip() or (other := seen.setdefault(name, role)) != role:
+                    has = f"also among the {other}s" if name.strip() else "no name"
+                    raise ValueError(f"roles: '{name}' ({role}) is {has}; give each certificate's name one role")
         return self
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from runtime.contracts.errors import ProfileError
 
 COMMANDS = ("start", "stop", "reset")
+ROLES = ("observer", "operator", "engineer")  # of clients from the network; each may do what those before it may
 
 
 def slug(name: str) -> str:
@@ -21,18 +22,30 @@ def path(name: str) -> str:
 
 
 class Keys:
-    """The keys of one instance. `instance`: its name."""
+    """The keys of one instance.
 
-    def __init__(self, instance: str) -> None:
-        self.instance = instance
+    Each role asks under keys of its own, as zenoh shows the service no certificate: its access control lets a
+    certificate of a role ask there only.
+
+    Attributes:
+        instance: its name.
+        role: the role, one of ROLES, whose requests these keys are; None: a client on this machine.
+        root: what is read.
+        asked: what is asked.
+    """
+
+    def __init__(self, instance: str, role: str | None = None) -> None:
+        self.instance, self.role = instance, role
         self.root = f"srl/{slug(instance)}"
+        self.asked = self.root if role is None else f"{self.root}/as/{role}"
         self.status = f"{self.root}/status"
         self.events = f"{self.root}/events"
         self.alive = f"{self.root}/alive"
         self.states = f"{self.root}/state/**"
-        self.commands = f"{self.root}/cmd/**"
-        self.parameters = f"{self.root}/param/**"
-        self.setpoints = f"{self.root}/setpoint/**"
+        self.commands = f"{self.asked}/cmd/**"
+        self.parameters = f"{self.asked}/param/**"
+        self.setpoints = f"{self.asked}/setpoint/**"
+        self.whoami = f"{self.asked}/whoami"
 
     def state(self, signal: str) -> str:
         """The key of a signal of the row, e.g. "glove.position"."""
@@ -44,15 +57,15 @@ class Keys:
 
     def command(self, name: str) -> str:
         """The key of a command in COMMANDS."""
-        return f"{self.root}/cmd/{name}"
+        return f"{self.asked}/cmd/{name}"
 
     def parameter(self, name: str) -> str:
         """The key of a parameter, e.g. "mapping.drift_pull"."""
-        return f"{self.root}/param/{path(name)}"
+        return f"{self.asked}/param/{path(name)}"
 
     def setpoint(self, name: str) -> str:
         """The key of a setpoint, e.g. "client.force"."""
-        return f"{self.root}/setpoint/{path(name)}"
+        return f"{self.asked}/setpoint/{path(name)}"
 
 
 def check(names: Iterable[str], what: str) -> None:

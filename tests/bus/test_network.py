@@ -1,81 +1,170 @@
-"""What the bus process listens on: its Unix socket, and the network by mutual TLS only."""
+"""What the bus process listens on: its Unix socket, and the network by mutual TLS only, each role with its rights."""
 
 from __future__ import annotations
 
-import subprocess
+import json
+import socket
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.bus import Instance, sockets
+from helpers.run import refused
+from helpers.wait import until
 
-from runtime.bus.client import Client, connect
+from runtime.bus import session
+from runtime.bus.certificates import authority, sign
+from runtime.bus.client import connect
+from runtime.cli import main
 from runtime.contracts.errors import RequestError
 from runtime.contracts.tls import TlsConfig
+from runtime.profile.bus import BusConfig
+from runtime.profile.keys import Keys
+
+ROLES = {"observer": ["otto"], "operator": ["anna"], "engineer": ["eva"]}
 
 
-def _certificates(folder: Path) -> dict[str, TlsConfig]:
-    """An authority, and one nobody knows, each with a certificate for localhost."""
+class Lab:
+    """An instance that listens for the network, and certificates of its authority and of another one."""
 
-    def openssl(*words: str) -> None:
-        subprocess.run(["openssl", *words], check=True, capture_output=True, cwd=folder)
+    def __init__(self, folder: Path) -> None:
+        for name in ("lab", "elsewhere"):
+            (folder / name).mkdir()
+            authority(folder / name)
+            for person in ("otto", "anna", "eva", "nobody"):
+                sign(folder / name, person, [], 1)
+        sign(folder / "lab", "robot", ["localhost", "127.0.0.1"], 1)
+        self.folder = folder
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.endpoint = f"tls/localhost:{self.port}"
+        tls = self.tls("robot").model_dump()
+        self.instance = Instance(folder / "one", listen=[f"tls/127.0.0.1:{self.port}"], tls=tls, roles=ROLES)
 
-    (folder / "extensions").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n")
-    for name in ("lab", "stranger"):
-        key = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
-        openssl(
-            "req",
-            "-x509",
-            *key,
-            "-keyout",
-            f"{name}-ca.key",
-            "-out",
-            f"{name}-ca.pem",
-            "-subj",
-            f"/CN={name} CA",
-        )
-        openssl("req", *key, "-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", f"/CN={name}")
-        sign = (
-            "-CA",
-            f"{name}-ca.pem",
-            "-CAkey",
-            f"{name}-ca.key",
-            "-CAcreateserial",
-            "-extfile",
-            "extensions",
-        )
-        openssl("x509", "-req", "-in", f"{name}.csr", "-out", f"{name}.pem", *sign)
-    lab = str(folder / "lab-ca.pem")
-    return {
-        name: TlsConfig(ca=lab, certificate=str(folder / f"{name}.pem"), key=str(folder / f"{name}.key"))
-        for name in ("lab", "stranger")
+    def tls(self, name: str, of: str = "lab") -> TlsConfig:
+        """The certificate of one person, who trusts this lab."""
+        certificate, key = (str(self.folder / of / f"{name}.{ending}") for ending in ("pem", "key"))
+        return TlsConfig(ca=str(self.folder / "lab" / "ca.pem"), certificate=certificate, key=key)
+
+    def raw(self, name: str, key: str) -> list[dict[str, Any]]:
+        """What a client that isn't ours gets for a query."""
+        opened = session.join(self.endpoint, self.tls(name))
+        try:
+            found = [a.ok for a in opened.get(key, timeout=1.0)]
+            return [json.loads(ok.payload.to_bytes()) for ok in found if ok is not None]
+        finally:
+            opened.close()
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
+    found = Lab(tmp_path_factory.mktemp("lab"))
+    yield found
+    found.instance.close()
+
+
+def test_an_engineer_may_do_all(lab: Lab) -> None:
+    with connect(lab.endpoint, lab.tls("eva")) as client:
+        assert (client.instance, client.role) == ("one", "engineer")
+        client.command("stop")
+        assert client.command("reset")["ok"]
+        name = next(iter(client.parameters()))
+        value = client.get_param(name)
+        client.set_param(name, (value["lower"] + value["upper"]) / 2)
+
+
+def test_an_operator_may_command_but_sets_no_parameter(lab: Lab) -> None:
+    with connect(lab.endpoint, lab.tls("anna")) as client:
+        assert client.role == "operator"
+        client.command("stop")
+        assert client.command("reset")["ok"]
+        name, value = next(iter(client.parameters().items()))
+        with pytest.raises(RequestError, match="role is operator, who may set no parameter"):
+            client.set_param(name, value["value"])
+
+
+def test_an_observer_reads_and_its_commands_are_refused_and_recorded(lab: Lab) -> None:
+    with connect(lab.endpoint, lab.tls("otto")) as client:
+        assert client.role == "observer"
+        assert client.status()["state"]
+        assert client.meta()
+        before = lab.instance.client.status()["refused"]
+        for command in ("stop", "reset", "start"):
+            with pytest.raises(RequestError, match="role is observer, who may only read"):
+                client.command(command)
+        with pytest.raises(RequestError, match="may only read"):
+            client.set_param(next(iter(client.parameters())), 1.0)
+    until(lambda: lab.instance.client.status()["refused"] > before, what="the refusal in the rows")
+
+
+@pytest.mark.parametrize("person", ["otto", "anna", "eva", "nobody"])
+@pytest.mark.parametrize("of", [None, "observer", "operator", "engineer"])
+def test_nobody_asks_as_another(lab: Lab, person: str, of: str | None) -> None:
+    """A client that isn't ours takes the keys of another role, or of this machine: nothing answers."""
+    roles = {name: role for role, names in ROLES.items() for name in names}
+    keys = Keys("one", of)
+    answered = lab.raw(person, keys.command("stop"))
+    mine = of is not None and roles.get(person) == of
+    assert [answer["ok"] for answer in answered] == ([of != "observer"] if mine else [])
+    if answered and answered[0]["ok"]:
+        lab.instance.client.command("reset")
+
+
+def test_who_isnt_named_sees_nothing(lab: Lab) -> None:
+    with pytest.raises(RequestError, match="no srl instance is alive there"):
+        connect(lab.endpoint, lab.tls("nobody"), timeout=0.5)
+    assert lab.raw("nobody", "srl/one/state/**") == []
+
+
+def test_no_certificate_or_that_of_another_authority_is_no_connection(lab: Lab) -> None:
+    for certificate, endpoint in (
+        (lab.tls("eva", "elsewhere"), lab.endpoint),
+        (None, f"tcp/127.0.0.1:{lab.port}"),
+        (None, lab.endpoint),
+    ):
+        with pytest.raises(RequestError):
+            connect(endpoint, certificate, timeout=0.5)
+    assert sockets(lab.instance.process.pid) == {
+        f"unix {lab.instance.run_folder.bus_socket}",
+        f"tcp 0100007F:{lab.port:04X}",
     }
 
 
-def test_the_network_is_reached_by_mutual_tls_only(tmp_path: Path) -> None:
-    import shutil
-    import socket
-
-    if shutil.which("openssl") is None:
-        pytest.skip("openssl isn't installed; it makes the certificates")
-    tls = _certificates(tmp_path)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    instance = Instance(tmp_path / "one", listen=[f"tls/127.0.0.1:{port}"], tls=tls["lab"].model_dump())
+def test_a_client_of_this_machine_takes_no_role(lab: Lab) -> None:
+    opened = session.join(f"unixsock-stream/{lab.instance.run_folder.bus_socket}")
     try:
-        with connect(f"tls/localhost:{port}", tls["lab"]) as client:
-            assert isinstance(client, Client)
-            assert client.instance == "one"
-            assert client.command("start") == {"ok": True, "state": "active"}
-        for certificate, endpoint in (
-            (tls["stranger"], f"tls/localhost:{port}"),
-            (None, f"tcp/127.0.0.1:{port}"),
-        ):
-            with pytest.raises(RequestError):
-                connect(endpoint, certificate, timeout=0.5)
-        assert sockets(instance.process.pid) == {
-            f"unix {instance.run_folder.bus_socket}",
-            f"tcp 0100007F:{port:04X}",
-        }
+        assert [a.ok for a in opened.get(Keys("one", "engineer").command("stop"), timeout=1.0)] == []
     finally:
-        instance.close()
+        opened.close()
+
+
+# The profile and the command
+
+
+def test_a_network_address_needs_roles() -> None:
+    tls = {"ca": "/a", "certificate": "/b", "key": "/c"}
+    with pytest.raises(ValueError, match="needs `roles:`"):
+        BusConfig(listen=("tls/0.0.0.0:7447",), tls=tls)
+    with pytest.raises(ValueError, match="one role"):
+        BusConfig(listen=("tls/0.0.0.0:7447",), tls=tls, roles={"observer": ("anna",), "operator": ("anna",)})
+
+
+def test_the_command_makes_the_files_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "keys"
+    assert main(["keys", str(folder), "robot", "--host", "robot.lab", "--host", "192.168.7.2"]) == 0
+    assert main(["keys", str(folder), "anna", "--role", "operator"]) == 0
+    assert "roles: {operator: [anna]}" in capsys.readouterr().out
+    files = {"ca": "ca.pem", "certificate": "robot.pem", "key": "robot.key"}
+    TlsConfig(**{name: str(folder / file) for name, file in files.items()}).check("tls")
+    assert {file.name: oct(file.stat().st_mode & 0o777) for file in folder.glob("*.key")} == dict.fromkeys(
+        ("ca.key", "robot.key", "anna.key"), "0o600"
+    )
+    before = (folder / "anna.key").read_bytes()
+    assert "not overwritten" in refused("keys", str(folder), "anna", "--role", "observer")
+    assert (folder / "anna.key").read_bytes() == before
+    assert "one of them" in refused("keys", str(folder), "otto")
+    assert "no name" in refused("keys", str(folder), "../otto", "--role", "observer")
+    (folder / "ca.key").unlink()
+    assert "Put it back" in refused("keys", str(folder), "otto", "--role", "observer")

@@ -21,7 +21,7 @@ from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
 from runtime.ipc.events import EventWriter, Level
 from runtime.ipc.layout import Layout
-from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
+from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter, permitted
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.row import Row
 from runtime.ipc.run_folder import RunFolder
@@ -127,7 +127,10 @@ class Run(threading.Thread):
             if waiting:
                 request = waiting.pop(0)
                 self.taken.append(request.kind)
-                answer = self._answer(request.kind, request.values)
+                if permitted(request.origin, request.kind):
+                    answer = self._answer(request.kind, request.values)
+                else:
+                    answer, self.refused = Answer.REFUSED_ROLE, self.refused + 1
                 words[CYCLE.request : CYCLE.request_result + 1] = (
                     request.id,
                     request.kind,

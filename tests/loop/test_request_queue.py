@@ -111,6 +111,23 @@ def test_of_a_reset_and_a_stop_in_one_cycle_the_stop_counts(desk: Desk) -> None:
     ]
 
 
+def test_a_role_asks_for_what_it_may(desk: Desk) -> None:
+    """An observer's stop stops nothing and overtakes nothing; an operator sets no parameter."""
+    refused = [
+        (Origin.OBSERVER, RequestKind.STOP),
+        (Origin.OBSERVER, RequestKind.START),
+        (Origin.OBSERVER, RequestKind.PARAMETER),
+        (Origin.OPERATOR, RequestKind.PARAMETER),
+    ]
+    allowed = [(Origin.OPERATOR, RequestKind.RESET), (Origin.ENGINEER, RequestKind.START)]
+    for origin, kind in refused + allowed:
+        desk.ring.send(kind, soon(), origin=origin)
+    found = [(p.request.origin, p.request.kind, p.answer) for p in desk.all()]
+    assert found == [(*each, Answer.REFUSED_ROLE) for each in refused] + [(*each, Answer.NONE) for each in allowed]
+    desk.ring.send(RequestKind.STOP, soon(), origin=Origin.OPERATOR)
+    assert [(p.request.origin, p.request.kind) for p in desk.all()] == [(Origin.OPERATOR, RequestKind.STOP)]
+
+
 def test_only_the_supervisors_process_is_the_service(desk: Desk) -> None:
     for claim in ({"origin": 4}, {"pid": os.getppid(), "uid": 0}, {"cause": "bus_loss"}, {"cause": "end"}):
         desk.send(desk.folder.stop_socket, {"ask": "fault"} | claim)

@@ -21,7 +21,7 @@ def test_loopback_needs_no_certificates(endpoint: str) -> None:
 
 
 def test_tls_opens_to_the_network() -> None:
-    assert BusConfig.model_validate({"listen": ["tls/0.0.0.0:7447"], "tls": TLS}).tls is not None
+    assert BusConfig.model_validate({"listen": ["tls/0.0.0.0:7447"], "tls": TLS, "roles": {"observer": ["otto"]}}).tls is not None
 
 
 @pytest.mark.parametrize(
@@ -33,6 +33,7 @@ def test_tls_opens_to_the_network() -> None:
         ({"listen": ["tcp/localhost:7447"]}, "anyone on the network"),
         ({"listen": ["tcp/robot:7447"], "tls": TLS}, "anyone on the network"),
         ({"listen": ["tls/0.0.0.0:7447"]}, "needs `tls:`"),
+        ({"listen": ["tls/0.0.0.0:7447"], "tls": TLS}, "needs `roles:`"),
         ({"listen": ["udp/127.0.0.1:7447"]}, "must read"),
         ({"listen": ["tcp/127.0.0.1:7447#iface=eth0"]}, "must read"),
         ({"listen": ["tcp/127.0.0.1:7447?rel=0"]}, "must read"),
