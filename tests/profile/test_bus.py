@@ -21,7 +21,8 @@ def test_loopback_needs_no_certificates(endpoint: str) -> None:
 
 
 def test_tls_opens_to_the_network() -> None:
-    assert BusConfig.model_validate({"listen": ["tls/0.0.0.0:7447"], "tls": TLS, "roles": {"observer": ["otto"]}}).tls is not None
+    content = {"listen": ["tls/0.0.0.0:7447"], "tls": TLS, "roles": {"observer": ["otto"]}}
+    assert BusConfig.model_validate(content).tls is not None
 
 
 @pytest.mark.parametrize(
