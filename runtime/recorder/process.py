@@ -6,10 +6,8 @@ process, and later rows are still in the ring. Rows that were written twice beca
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
-import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -58,7 +56,7 @@ class Recorder:
         head = self._binary.read()
         self._segments = Segments(self._folder, head[:HEADER] + strip(head))
         self._merger = Merger(target, self._tail.text, say)
-        self._worker = ThreadPoolExecutor(1, "merge", initializer=_yield_to_others)
+        self._worker = ThreadPoolExecutor(1, "merge")
         self._merging: Future[None] | None = None
         self._stuck = self._unmerged = False
         self._lost = 0
@@ -155,12 +153,6 @@ class Recorder:
                 if time.monotonic() - over_since > PATIENCE:
                     return False
             time.sleep(RETRY)
-
-
-def _yield_to_others() -> None:
-    """The merging thread may wait: the loop and the recording itself may not."""
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
 
 
 def say(text: str) -> None:
