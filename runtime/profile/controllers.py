@@ -143,7 +143,7 @@ def _fed_as_calibrated(b: Builder, law: Law, devices: list[Driver], path: str) -
             signals = getattr(device.config, "signals", None)  # of a device whose profile says its signals
             entry = signals.get(owners[device.name]) if isinstance(signals, Mapping) else device.config
             for key, was in options.items():
-                now = getattr(entry, key, None)
+                now = getattr(entry, key, getattr(device.config, key, None))
                 if now is not None and now != was:
                     problem = f"its calibration was made with {device.name}.{key} {was}, now it is {now}"
                     raise WiringError(b.source.place(f"{path}.in.{name}"), problem, "Set it as it was, or calibrate")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.run import refused
 from helpers.zenoh import bound
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -297,3 +298,9 @@ def test_a_sender_s_own_clock_is_refused(age: float) -> None:
     helper.samples([[1, 2, 3]], offset=-age)
     with pytest.raises(DeviceError, match="aren't of LSL's clock"):
         helper.driver.open()
+
+
+def test_an_emg_calibration_of_another_rate_is_refused() -> None:
+    """Its filters are of samples at that rate: at another one an activation would mean something else."""
+    said = refused("check", "emg-lsl", "--set", "devices.emg.rate=1000")
+    assert "its calibration was made with emg.rate 2000.0, now it is 1000.0" in said

@@ -60,8 +60,7 @@ class EmgActivation(Controller):
         )
         self.outputs = (Signal(name="activation", shape=(n,), unit="1", labels=muscles),)
         self.simulated = "calibration" if made.simulated else ""
-        if made.channels:
-            self.fed_as = {"samples": {"channels": made.channels}}
+        self.fed_as = {"samples": {"rate": made.rate} | ({"channels": made.channels} if made.channels else {})}
         self._rest = np.array([each.rest for each in made.muscles.values()])
         self._span = np.array([each.mvc for each in made.muscles.values()]) - self._rest
         self._stream = Stream(n, made.filters())
