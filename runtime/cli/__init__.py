@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import sys
@@ -64,13 +65,27 @@ def _main(arguments: Sequence[str] | None) -> int:
         completion.answer(parser)
     args = parser.parse_args(arguments)
     try:
-        return int(args.run(args))
+        code = int(args.run(args))
+        sys.stdout.flush()
+        return code
     except SrlError as error:
         print(f"srl {args.command}: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:
-        sys.stderr.close()  # the reader of the output has gone, so there is nobody to inform
+        # The reader of the output has gone, so there is nobody to tell.
+        _mute()
         return 0
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        _mute()
+        print(f"srl {args.command}: there is no room left on the disk. Make room, then run it again", file=sys.stderr)
+        return 2
+
+
+def _mute() -> None:
+    """Nothing goes to the output any more, also not when Python flushes it at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], given: Sequence[str]) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import pty
+import shlex
 import socket
+import subprocess
 import termios
 from pathlib import Path
 
 import pytest
+from helpers.run import srl
 
 from runtime.cli.console import Console
 from runtime.ipc.events import Level
@@ -70,3 +73,11 @@ def test_without_a_journal_the_line_is_written(
     with open(os.dup(2), "w") as stream:
         Console(stream, "/nowhere/journal").say("here")
     assert capfd.readouterr().err == "srl: warning: here\n"
+
+
+@pytest.mark.parametrize(("into", "code", "said"), [("| true", 0, ""), ("> /dev/full", 2, "no room left on the disk")])
+def test_an_output_that_takes_nothing_is_no_traceback(into: str, code: int, said: str) -> None:
+    line = f"set -o pipefail; {shlex.join(srl('list'))} {into}"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert (said in done.stderr) if said else done.stderr == ""
