@@ -1,4 +1,7 @@
-"""What arrives on zenoh's threads, queued for the bus's one thread. Stops come first and always find room."""
+"""What arrives on zenoh's threads, queued for the bus's one thread. Stops come first and always find room.
+
+Who may only read comes last, in a queue of its own: a flood of reading takes no room from those who command.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 QUERIES = 1024  # queries that may wait
+ASIDE = 32  # queries of those who only read that are handled in one turn
 SAMPLES = 64  # items that may wait when a sample arrives, and items handled in one turn: more would delay a stop
 
 
@@ -32,14 +36,16 @@ class Arrivals:
         self.overtaken = False
         self._items: queue.SimpleQueue[_Item] = queue.SimpleQueue()
         self._stops: queue.SimpleQueue[_Item] = queue.SimpleQueue()
+        self._asides: queue.SimpleQueue[_Item] = queue.SimpleQueue()
         self._stopped = 0  # when the newest stop came
 
     def into(
-        self, work: Callable[[Any], None], unless: Callable[[Any], bool] = lambda _: False
+        self, work: Callable[[Any], None], unless: Callable[[Any], bool] = lambda _: False, aside: bool = False
     ) -> Callable[[Any], None]:
         """Returns a callback for zenoh's threads that queues its argument for `work`.
 
         Queries for which `unless` is true are for others, and dropped at once: nobody waits for this queue with them.
+        `aside`: they are of those who only read.
         """
 
         def arrive(what: Any) -> None:
@@ -48,7 +54,15 @@ class Arrivals:
                 return
             # The queue must not grow without bounds, and a flood of setpoints must leave room for queries.
             asked = isinstance(what, zenoh.Query)
-            if self._items.qsize() < (QUERIES if asked else SAMPLES):
+            if aside:
+                first = self._asides.empty()
+                if self._asides.qsize() < QUERIES:
+                    self._asides.put(_Item(work, what, time.monotonic_ns()))
+                else:
+                    what.drop()
+                if first:
+                    self.wake()
+            elif self._items.qsize() < (QUERIES if asked else SAMPLES):
                 self._items.put(_Item(work, what, time.monotonic_ns()))
             elif asked:
                 what.drop()
@@ -88,6 +102,8 @@ class Arrivals:
                 self._handle(self._items.get_nowait())
         except queue.Empty:
             pass
+        for _ in range(min(ASIDE, self._asides.qsize())):
+            self._handle(self._asides.get_nowait())
 
     def _handle(self, item: _Item) -> None:
         while not self._stops.empty():

@@ -109,16 +109,17 @@ class Bus:
         self._events_out = publisher(self._keys.events, messages.STRING)
         self._declared: list[Any] = []
         for key, answer in self._requests.handlers().items():
-            stops = key in self._requests.stops()
-            into = self._arrivals.into_stops(answer, key) if stops else self._arrivals.into(answer)
+            stops, aside = key in self._requests.stops(), self._requests.only_reads(key)
+            into = self._arrivals.into_stops(answer, key) if stops else self._arrivals.into(answer, aside=aside)
             self._declared.append(s.declare_queryable(key, into))
         known = self._requests.known()
         for keys, answer in self._requests.strangers().items():
-            self._declared.append(s.declare_queryable(keys, self._arrivals.into(answer, unless=known)))
+            into = self._arrivals.into(answer, unless=known, aside=self._requests.only_reads(keys))
+            self._declared.append(s.declare_queryable(keys, into))
         for key, take in self._requests.subscribers().items():
             self._declared.append(s.declare_subscriber(key, self._arrivals.into(take)))
-        self._declared.append(s.declare_queryable(self._keys.states, self._arrivals.into(self._describe)))
-        self._declared.append(s.declare_queryable(self._keys.events, self._arrivals.into(self._recall)))
+        self._declared.append(s.declare_queryable(self._keys.states, self._arrivals.into(self._describe, aside=True)))
+        self._declared.append(s.declare_queryable(self._keys.events, self._arrivals.into(self._recall, aside=True)))
         # Declared last: a client that sees this token finds everything else declared.
         self._declared.append(s.liveliness().declare_token(self._keys.alive))
 

@@ -112,6 +112,10 @@ class Requests:
         """The keys of the command that never waits."""
         return frozenset(keys.command("stop") for keys in self._keys_of if keys.role != "observer")
 
+    def only_reads(self, key: str) -> bool:
+        """Whether a key is that of a role that commands nothing."""
+        return key.startswith(f"{Keys(self._keys.instance, 'observer').asked}/")
+
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
         """The functions that take samples, by key."""
         return {keys.setpoints: self._put_setpoint for keys in self._keys_of if keys.role != "observer"}
@@ -172,6 +176,10 @@ class Requests:
             return
         if not self._answerable(query, key, len(self._waiting)):
             return
+        until, origin = time.monotonic_ns() + PATIENCE, _ORIGINS[keys.role]
+        if not permitted(origin, RequestKind.PARAMETER):  # what it sends isn't even looked at
+            self._pass_on(Pending(query, key, RequestKind.PARAMETER, index, None, until, origin))
+            return
         lower, upper, unit = parameter["lower"], parameter["upper"], parameter["unit"]
         field = self._layout.fields[parameter["name"]]
         try:
@@ -181,8 +189,7 @@ class Requests:
         except RequestError as error:
             self._refuse(query, key, error)
             return
-        until = time.monotonic_ns() + PATIENCE
-        self._pass_on(Pending(query, key, RequestKind.PARAMETER, index, values, until, _ORIGINS[keys.role]))
+        self._pass_on(Pending(query, key, RequestKind.PARAMETER, index, values, until, origin))
 
     def _value(self, row: NDArray[np.int64], index: int) -> float:
         return float(self._layout.value(row[np.newaxis], self._parameters[index]["name"])[0])

@@ -18,6 +18,7 @@ from runtime.profile.bus import BusConfig
 from runtime.profile.keys import ROLES, Keys
 
 LONGEST_PATH = 107  # bytes of a Unix socket's path, Linux
+LONGEST_MESSAGE = 1 << 17  # bytes of what a client sends: zenoh would take 1 GiB into this process's memory
 SOCKET_UMASK = 0o117  # the socket's mode is 0660: the service's user and group
 
 
@@ -39,8 +40,11 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
         "adminspace": {"enabled": False},
         "access_control": _access(keys, config),
     }
+    link: dict[str, Any] = {"rx": {"max_message_size": LONGEST_MESSAGE}}
     if config.tls is not None:
-        content["transport"]["link"] = {"tls": _tls(config.tls, "listen")}
+        # A client's connection ends with its certificate.
+        link["tls"] = _tls(config.tls, "listen") | {"close_link_on_expiration": True}
+    content["transport"]["link"] = link
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:

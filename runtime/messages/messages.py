@@ -44,6 +44,7 @@ _STAMPED: dict[tuple[str, tuple[int, ...]], str] = {
     ("twist", (6,)): TWIST,
     ("pose", (7,)): POSE,
 }
+LONGEST_VALUES = 1 << 16  # bytes of a client's payload
 _SENTINEL = -1.2345678901234567e99  # used to find the place of the first value in a payload
 
 
@@ -199,6 +200,8 @@ def read_values(payload: bytes, declared: str, field: Field, place: str) -> Arra
     Raises:
         RequestError: the payload is anything else.
     """
+    if len(payload) > LONGEST_VALUES:  # before it is parsed: nobody may keep the bus busy with it
+        raise RequestError(place, f"the payload has {len(payload)} bytes", f"Send {LONGEST_VALUES} at most")
     kind = declared.partition(";")[2] if declared.startswith("application/cdr") else ""
     if kind or payload.startswith(cdr.HEADER):
         values = _from_cdr(payload, kind, field, place)

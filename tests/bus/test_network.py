@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import socket
 from collections.abc import Iterator
@@ -9,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography import x509
 from helpers.bus import Instance, sockets
 from helpers.run import refused
 from helpers.wait import until
 
-from runtime.bus import session
+from runtime.bus import certificates, session
 from runtime.bus.certificates import authority, sign
 from runtime.bus.client import connect
 from runtime.cli import main
@@ -138,6 +140,50 @@ def test_a_client_of_this_machine_takes_no_role(lab: Lab) -> None:
         assert [a.ok for a in opened.get(Keys("one", "engineer").command("stop"), timeout=1.0)] == []
     finally:
         opened.close()
+
+
+def test_what_is_far_too_long_isnt_taken_in_and_the_rest_is(lab: Lab) -> None:
+    """Of a role that may only read it isn't even parsed. 40 MB of JSON kept the bus from everybody else."""
+    opened = session.join(lab.endpoint, lab.tls("otto"))
+    try:
+        key = Keys("one", "observer").parameter("object-mapping.pull")
+        assert [a.ok for a in opened.get(key, payload=b" " * 2 * session.LONGEST_MESSAGE, timeout=0.3) if a.ok] == []
+        for payload in (b"2.0", b"[" * 10_000, b"\x00\x01\x00\x00"):
+            (answer,) = opened.get(key, payload=payload, timeout=2.0)
+            assert answer.ok is not None
+            assert b"may only read" in answer.ok.payload.to_bytes()
+    finally:
+        opened.close()
+
+
+@pytest.mark.slow
+def test_a_connection_ends_with_its_certificate(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = certificates._begun
+
+    def short(*given: Any) -> x509.CertificateBuilder:
+        made = begun(*given)
+        made._not_valid_after = None
+        return made.not_valid_after(datetime.datetime.now(datetime.UTC) + datetime.timedelta(seconds=3))
+
+    (lab.folder / "lab" / "eva.pem").rename(lab.folder / "lab" / "eva-before.pem")
+    (lab.folder / "lab" / "eva.key").rename(lab.folder / "lab" / "eva-before.key")
+    monkeypatch.setattr(certificates, "_begun", short)
+    sign(lab.folder / "lab", "eva", [], 1)
+
+    def refused() -> bool:
+        try:
+            client.command("stop")
+        except RequestError as error:
+            return "nobody answered" in str(error)
+        return False
+
+    with connect(lab.endpoint, lab.tls("eva")) as client:
+        assert not refused()
+        until(refused, what="the end of the connection", pause=0.2)
+    with pytest.raises(RequestError):
+        connect(lab.endpoint, lab.tls("eva"), timeout=0.5)
+    for ending in ("pem", "key"):
+        (lab.folder / "lab" / f"eva-before.{ending}").replace(lab.folder / "lab" / f"eva.{ending}")
 
 
 # The profile and the command

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers.bus import layout
 
-from runtime.bus.arrivals import QUERIES, SAMPLES, Arrivals
+from runtime.bus.arrivals import ASIDE, QUERIES, SAMPLES, Arrivals
 from runtime.bus.requests import PATIENCE, UNDERWAY, WAITING, Requests
 from runtime.bus.status import Counts
 from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
@@ -217,6 +217,21 @@ def test_a_flood_of_wildcards_takes_no_stops_room_and_overtakes_nothing(desk: De
     desk.arrivals.handle(0.0)
     assert [r.kind for r in desk.sent.take()] == [RequestKind.STOP]
     assert "not a wildcard" in flood[0].answers[0]["error"]
+
+
+def test_who_only_reads_takes_no_room_and_comes_last() -> None:
+    arrivals, done, dropped = Arrivals(), [], []
+    read = arrivals.into(lambda _: done.append("read"), aside=True)
+    for _ in range(2 * QUERIES):
+        query = Query("srl/left/as/observer/cmd/stop")
+        query.drop = lambda: dropped.append(1)  # type: ignore[method-assign]
+        read(query)
+    setpoint = arrivals.into(lambda _: done.append("setpoint"))
+    for _ in range(SAMPLES // 2):
+        setpoint(object())
+    arrivals.handle(0.0)
+    assert done == ["setpoint"] * (SAMPLES // 2) + ["read"] * ASIDE
+    assert len(dropped) == QUERIES
 
 
 def test_a_signal_at_the_end_of_a_wait_doesnt_hold_the_bus_for_ever() -> None:
