@@ -10,6 +10,7 @@ from functools import partial
 
 from bench import (
     arm_angles,
+    can_actuators,
     clock,
     collision,
     compiled,
@@ -33,6 +34,7 @@ from bench.pairs import Row
 
 BENCHES: dict[str, Callable[[], list[Row]]] = {
     "arm-angles": arm_angles.run,
+    "can-actuators": can_actuators.run,
     "clock-100hz": lambda: clock.run(100),
     "clock-1khz": lambda: clock.run(1000),
     "collision": collision.run,
