@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import json
 import os
 import shutil
@@ -28,6 +29,7 @@ SRL: list[str] = [sys.executable, "-m", "runtime"]  # a test puts a program here
 NAME: Final = "trial"
 PATIENCE: Final = 60.0  # s
 PAUSE: Final = 0.005  # s between two looks
+_PR_SET_PDEATHSIG: Final = 1
 PROCESSES: Final = ("loop", "bus", "recorder")
 
 
@@ -59,12 +61,12 @@ class LiveRun:
         command = [*SRL, "run", profile, "--sim", "--json", "--instance", NAME, "--record", str(self.recording), *words]
         if small:
             # Whoever sleeps keeps the file system after the run, for what is in it.
-            keep = f"sleep infinity </dev/null >/dev/null 2>&1 & echo $! > {self.folder}/keeper"
+            keep = f"sleep 600 </dev/null >/dev/null 2>&1 & echo $! > {self.folder}/keeper"
             mount = f'mount -t tmpfs -o size={room} tmpfs "$0" && {{ {keep}; exec "$@"; }}'
             command = ["unshare", "-m", "sh", "-c", mount, str(self.folder / small), *command]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True,
-            start_new_session=True, cwd=self.folder,
+            start_new_session=True, cwd=self.folder, preexec_fn=_end_with_us,  # noqa: PLW1509 - one thread
             env=os.environ | {"SRL_RUNTIME_DIR": f"{self.folder}/run", "STATE_DIRECTORY": f"{self.folder}/state"},
         )  # fmt: skip
         self.out = self.err = ""
@@ -164,6 +166,11 @@ class LiveRun:
         except (ValueError, IndexError):
             return None
         return found
+
+
+def _end_with_us() -> None:
+    """In the run's process, before it is one: it ends safely when whoever runs the trial is killed, or Ctrl-C'd."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
 
 
 def lives(pid: int) -> bool:
