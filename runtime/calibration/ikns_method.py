@@ -33,7 +33,7 @@ class IknsMethod(Method[Taps, Result]):
     """See the module's docstring."""
 
     law, option, kind, error = cutting.LAW, "calibration", record.Record, CalibrationError
-    own, next, thing = ("dofs", "points", "flip", "sense"), "f DOF flip its sense", "points"
+    next, thing = "f DOF flip its sense", "points"
     report: ClassVar[ModuleType] = ikns_report
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:

@@ -49,7 +49,7 @@ class IntentionMethod(Method[Taps, Result]):
     """See the module's docstring."""
 
     law, option, kind, error = LAW, "recogniser", Record, TrainingError
-    own, thing = ("actions",), "actions"
+    thing = "actions"
     report: ClassVar[ModuleType] = intention_report
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:

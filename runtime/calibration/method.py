@@ -49,7 +49,6 @@ class Method(ABC, Generic[T, R]):
         option: of the law, that names the file.
         kind: what the file holds.
         error: what `compute` raises where nothing can be computed.
-        own: options of the command line that are only this method's.
         next: the keys at the end, besides those that every method has.
         thing: what `--redo` counts.
         report: the module whose `lines`, `figures` and `draw` tell of a result; else these are the method's own.
@@ -61,7 +60,6 @@ class Method(ABC, Generic[T, R]):
     option: ClassVar[str]
     kind: ClassVar[type[BaseModel]]
     error: ClassVar[type[SrlError]]
-    own: ClassVar[tuple[str, ...]] = ()
     next: ClassVar[str] = ""
     thing: ClassVar[str]
     report: ClassVar[ModuleType]

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 LAWS: Final = ("ikns", "intention", "independent-operation", "ft", "glove", "frames", "emg", "suit", "servos")
-"""What can be calibrated: the names of `runtime.calibration.session.METHODS`."""
+"""What can be calibrated."""
+_IKNS: Final = {"only": "ikns"}
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is wanted; the options of `srl calibrate`."""
+    """What is wanted; the options of `srl calibrate`. `only` in an option's metadata: the law whose alone it is."""
 
     profile: str
     law: str = "ikns"
@@ -26,11 +27,11 @@ class Order:
     recording: Sequence[Path] | None = None
     before: Sequence[Path] | None = None
     redo: Sequence[int] | None = None
-    dofs: str | None = None
-    points: int | None = None
-    flip: Sequence[str] = ()
-    sense: Path | None = None
-    actions: str | None = None
+    dofs: str | None = field(default=None, metadata=_IKNS)
+    points: int | None = field(default=None, metadata=_IKNS)
+    flip: Sequence[str] = field(default=(), metadata=_IKNS)
+    sense: Path | None = field(default=None, metadata=_IKNS)
+    actions: str | None = field(default=None, metadata={"only": "intention"})
     option: Sequence[str] = ()
     set: Sequence[str] = ()
     instance: str | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 from typing import Any
@@ -21,3 +22,5 @@ def save(figure: Any, png: Path) -> None:
         raise RecordError(str(png), f"it can't be written: {error.strerror}", "Choose another folder") from None
     finally:
         plt.close(figure)
+        with contextlib.suppress(OSError):
+            scratch.unlink()  # of a disk that is full

@@ -2,69 +2,69 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.calibration.emg_method import EmgMethod
-from runtime.calibration.frame_method import FrameMethod
-from runtime.calibration.ft_method import FtMethod
-from runtime.calibration.glove_method import GloveMethod
 from runtime.calibration.guide import Guide, QuitError
-from runtime.calibration.ikns_method import IknsMethod
-from runtime.calibration.intention_method import IntentionMethod
 from runtime.calibration.method import Method, Outcome
 from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
 from runtime.calibration.screen import Report, Screen
-from runtime.calibration.servo_method import ServoMethod
 from runtime.calibration.sources import RowSource, recorded
-from runtime.calibration.suit_method import SuitMethod
 from runtime.calibration.target import check_target, write_record
-from runtime.calibration.task_method import TaskMethod
 from runtime.contracts.errors import RequestError, SrlError
 from runtime.control.models import bodies
 from runtime.control.shared.guided import Procedure, Samples
 from runtime.ipc.launch import ANONYMOUS
+from runtime.ipc.run_folder import free_bytes
 from runtime.profile import profile, shelf
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
 from runtime.recording.segments import check_target as check_recording
+from runtime.recording.segments import folder_of
 from runtime.service.end_signals import EndSignals
 
-METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
-    made.name: made
-    for made in (
-        IknsMethod,
-        IntentionMethod,
-        TaskMethod,
-        FtMethod,
-        GloveMethod,
-        FrameMethod,
-        EmgMethod,
-        SuitMethod,
-        ServoMethod,
-    )
+_METHODS: Final = {
+    "ikns": "ikns_method.IknsMethod",
+    "intention": "intention_method.IntentionMethod",
+    "independent-operation": "task_method.TaskMethod",
+    "ft": "ft_method.FtMethod",
+    "glove": "glove_method.GloveMethod",
+    "frames": "frame_method.FrameMethod",
+    "emg": "emg_method.EmgMethod",
+    "suit": "suit_method.SuitMethod",
+    "servos": "servo_method.ServoMethod",
 }
+_ROOM: Final = 64 << 20  # bytes: some minutes of rows, the report and the file
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError
 
 
+def method_of(law: str) -> type[Method[Any, Any]]:
+    """How one of `LAWS` is calibrated. Only its module is loaded: all of them take seconds."""
+    module, _, name = _METHODS[law].partition(".")
+    found: type[Method[Any, Any]] = getattr(importlib.import_module(f"runtime.calibration.{module}"), name)
+    return found
+
+
 def run(order: Order, screen: Screen) -> int:
     """Returns 0 once the file is written, 130 after Ctrl-C. Errors are raised: a refused calibration is one."""
-    kind = METHODS[order.law]
-    for other in METHODS.values():
-        for name in other.own if other is not kind else ():
-            if getattr(order, name):
-                remedy = f"Leave it out, or calibrate {other.name}"
-                raise RequestError(f"--{name}", f"it is of '{other.name}', not of '{order.law}'", remedy)
+    kind = method_of(order.law)
+    for option in fields(order):
+        only = option.metadata.get("only", order.law)
+        if only != order.law and getattr(order, option.name):
+            remedy = f"Leave it out, or calibrate {only}"
+            raise RequestError(f"--{option.name}", f"it is of '{only}', not of '{order.law}'", remedy)
     if order.person is not None and not kind.personal:
         raise RequestError("--person", f"'{order.law}' is no person's", "Leave it out")
     checked, source = profile.load(order.profile, order.set)
@@ -107,6 +107,7 @@ def _live(
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     record = order.record or target.with_name(f"{target.stem}-{time.strftime('%Y%m%d-%H%M%S')}.rrd")
     check_recording(record)
+    _check_room(target.parent, record.parent)
     with EndSignals() as signals:
         asked: list[bool] = []
         signals.pass_to(lambda: asked.append(True))
@@ -121,8 +122,19 @@ def _live(
             raise
         finally:
             source.close()
-            screen.say(f"recorded in {record}")
+            if record.exists():
+                screen.say(f"recorded in {record}")
+            else:
+                screen.say(f"{record} wasn't made: what could be recorded is in {folder_of(record)}")
         return code
+
+
+def _check_room(*folders: Path) -> None:
+    """Raises RequestError: a disk is full, so what a person does could neither be recorded nor written."""
+    for folder in folders:
+        if free_bytes(folder) < _ROOM:
+            problem = f"its disk has less than {_ROOM >> 20} MiB free, so what is done could be lost"
+            raise RequestError(str(folder), problem, "Free some, or choose another folder: -o, --record")
 
 
 def _guided(

@@ -206,11 +206,11 @@ def _jogs(graph: Graph, name: str) -> Iterator[str]:
 
 def _calibrations(graph: Graph, file: str) -> Iterator[str]:
     """The commands that make the calibration files which the profile names."""
-    from runtime.calibration.order import Order
-    from runtime.calibration.session import METHODS
+    from runtime.calibration.order import LAWS, Order
+    from runtime.calibration.session import method_of
 
     used = {entry.use for entry in graph.profile.controllers}
-    for kind in METHODS.values():
+    for kind in map(method_of, LAWS):
         if not kind.law or kind.law in used:
             try:
                 if kind.named(Order(file, kind.name), graph.profile, graph.source) is None:

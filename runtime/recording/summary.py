@@ -17,6 +17,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from runtime.contracts.errors import RecordingError, SrlError
+from runtime.contracts.file_says import file_says
 from runtime.contracts.files import decoded
 from runtime.ipc.layout import Layout, Words
 from runtime.ipc.words import Cause, State
@@ -116,18 +117,6 @@ def owner(content: bytes) -> tuple[str, bool]:
     if not isinstance(said.get("person"), str):
         return "", False
     return said["person"], said.get("simulated") is True
-
-
-def file_says(content: bytes) -> dict[str, Any]:
-    """What a calibration file holds; nothing, where it is none."""
-    try:
-        said = json.loads(content)
-    except ValueError:
-        try:
-            said = YAML(typ="safe", pure=True).load(content.decode())  # a glove's may be YAML
-        except (YAMLError, ValueError):
-            return {}
-    return said if isinstance(said, dict) else {}
 
 
 def _summary(path: Path) -> Summary:

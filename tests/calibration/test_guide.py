@@ -307,6 +307,19 @@ def test_a_full_disk_leaves_nothing_half(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_report_that_the_disk_has_no_room_for_leaves_nothing(
+    good: tuple[Actor, Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: object, scratch: Path, **_: object) -> None:
+        scratch.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
+    with pytest.raises(record.RecordError, match=r"png: it can't be written: No space left on device"):
+        report.draw(good[1], tmp_path / "p07.png")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_that_isnt_there_is_named(good: tuple[Actor, Result], tmp_path: Path) -> None:
     with pytest.raises(record.RecordError, match="the folder can't be written"):
         write(tmp_path / "none" / "p07.json", good[1], replacing=False)

@@ -158,6 +158,15 @@ def test_a_hand_written_calibration_isnt_replaced(
     assert (folder / "p07.json").read_text() == "person: P07\n"
 
 
+def test_a_full_disk_is_said_before_anybody_begins(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("runtime.calibration.session.free_bytes", lambda _: 1 << 20)
+    assert main(["calibrate", "worn.yaml", "glove", "--person", "P07"]) == 2
+    assert "its disk has less than 64 MiB free" in capsys.readouterr().err
+    assert [path.name for path in folder.iterdir()] == ["worn.yaml"]
+
+
 def test_a_recording_gives_the_same_file_and_a_shape_is_done_again(command: Command, folder: Path) -> None:
     bad = Gloved(off={9: {"pinkie_pij": 0.4}})
     assert command("--sim", actor=bad) == 2

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from runtime.calibration.order import LAWS
-from runtime.calibration.session import METHODS
+from runtime.calibration.session import method_of
 from runtime.cli import COMMANDS, MODULES, main
 
 HEAVY = {"matplotlib", "mujoco", "rerun", "scipy", "zenoh"}  # each takes longer to load than the rest of a command
@@ -57,4 +57,13 @@ def test_every_command_is_registered_by_its_module(capsys: pytest.CaptureFixture
 
 
 def test_the_laws_that_can_be_calibrated_are_named() -> None:
-    assert tuple(METHODS) == LAWS
+    assert tuple(method_of(law).name for law in LAWS) == LAWS
+
+
+def test_a_calibration_loads_no_other_one() -> None:
+    code = (
+        "import sys; from runtime.calibration.session import method_of; method_of('glove'); "
+        "print(*(name for name in sys.modules if name.startswith('runtime.calibration.') and name.endswith('_method')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
+    assert done.stdout.split() == ["runtime.calibration.glove_method"]
