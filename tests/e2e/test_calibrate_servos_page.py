@@ -30,7 +30,7 @@ from runtime.jog.hold import PAUSE
 from runtime.operator.client import OperatorPage
 from runtime.recording.reader import read
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]  # real time, and a page's own: a busy machine is slow
 KEYS = {
     "right": {"key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39},
     "left": {"key": "ArrowLeft", "code": "ArrowLeft", "windowsVirtualKeyCode": 37},
@@ -49,12 +49,21 @@ class Guided:
 
     def says(self, part: str, words: str) -> None:
         shown = f"document.getElementById('{part}').innerText"
-        until(lambda: words in str(self.page.value(shown)), what=lambda: f"'{words}': {self.page.value(shown)}")
+
+        def said() -> bool:
+            self.keep_control()
+            return words in str(self.page.value(shown))
+
+        until(said, what=lambda: f"'{words}': {self.page.value(shown)}", pause=0.05)
+
+    def keep_control(self) -> None:
+        """A page that was silent for 3 s, as on a busy machine, has lost its control, and takes it again."""
+        self.page.value("pictureNow.control || document.getElementById('control').click()")
 
     def able(self, part: str) -> bool:
-        """Whether it can be pressed. A page that was silent for 3 s, as on a busy machine, takes its control again."""
-        if part != "control" and not self.page.value("pictureNow.control"):
-            self.page.value("document.getElementById('control').click()")
+        """Whether it can be pressed."""
+        if part != "control":
+            self.keep_control()
         return bool(self.page.value(f"!document.getElementById('{part}').disabled"))
 
     def click(self, part: str) -> None:
@@ -64,6 +73,8 @@ class Guided:
     def hold(self, key: str) -> None:
         """A key goes down, or the one that is held goes up: ""."""
         lapsed = bool(self.down) and not self.page.value("pictureNow.jogging")  # pictures were late: press it anew
+        if lapsed or key != self.down:
+            self.keep_control()
         if key == self.down and not lapsed:
             return
         if self.down:
@@ -94,7 +105,10 @@ class Guided:
             return abs(off) <= 0.008 and not self.down
 
         said = "document.body.innerText"
-        until(there, what=lambda: f"the joint at {to}: {self.applied}, {self.page.value(said)}", timeout=120.0)
+        until(
+            there, what=lambda: f"the joint at {to}: {self.applied}, {self.page.value(said)}",
+            timeout=120.0, pause=0.02,
+        )  # fmt: skip
         self.passed(0.3)
 
     def rows(self) -> Words:
@@ -173,7 +187,7 @@ def test_a_person_at_the_page_makes_the_file_and_a_key_held_into_the_next_step_m
     assert "Traceback" not in said
     line = record_file.read(ServoRecord, tmp_path / "tip.json").joints["flexion_3"]
     assert (line.direction, line.scale, line.known) == (-1, 1.0, False)
-    assert line.trim == pytest.approx(-taken - 0.3, abs=0.001)
+    assert line.trim == pytest.approx(-taken - 0.3, abs=0.005)  # the mean of the hold, with the end of its braking
     found = read(tmp_path / "tip.rrd")
     last = float(found.layout.value(found.rows[-1], "finger.position_command.sent")[0])
     assert last == pytest.approx(-(0.4 + line.trim), abs=0.011)  # home, 0.4, is there
