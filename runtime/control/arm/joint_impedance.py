@@ -26,6 +26,7 @@ from runtime.control.shared.ramp import Ramps
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SOFT: Final = 0.25  # of K, below which D goes to zero with K itself, not with its root
+_LEAD: Final = 0.03  # s, low-pass on the desired joints' speed: it may jump, the torque not
 _HELD_BACK: Final = 0.1  # N m: a larger difference of asked and applied torque counts as held back
 
 _PerJoint = dict[str, NotNegative] | NotNegative
@@ -45,6 +46,9 @@ class JointImpedanceConfig(ControllerConfig):
     )
     leash: Positive = Field(0.5, description="rad or m, by which the desired joints are ahead of the measured at most")
     speed: dict[str, Positive] | Positive = Field(0.5, description="rad/s, by joint, of the desired joints")
+    lead: float = Field(
+        0.0, ge=0, le=1, description="share of the desired joints' own speed that isn't damped: less lag behind `wanted`"
+    )
     follow: bool = Field(True, description="follow the input `wanted`; false: hold where the limb was at the reset")
     gravity: Literal["here", "robot"] = Field("here", description="who holds the arm's weight; `robot`: its controller")
     upright: Literal["imu", "frames", "base"] = Field(
@@ -67,7 +71,7 @@ class JointImpedanceConfig(ControllerConfig):
 
 
 class JointImpedance(Controller):
-    """tau = sat(K (q_d - q)) - D qd + g(q, up): compliant, and passive for a desired position that stands.
+    """tau = sat(K (q_d - q) + lead D v_d) - D qd + g(q, up): compliant, and passive for a desired position that stands.
 
     Inputs: `q` (n,) rad and `qd` (n,) rad/s, measured; with `follow` also `wanted` (n,) rad; with `upright: imu` also
     `orientation` (4,), w x y z, of the sensor that is fixed to the arm's base.
@@ -78,7 +82,8 @@ class JointImpedance(Controller):
     D = 2 ratio sqrt(K M_ii(q)) is never negative, and the spring's torque is bounded, so that the joints give to their
     surroundings no more than the energy that is in M and K (Ortega and Spong 1989; Albu-Schaeffer et al. 2007,
     IJRR 26(1), for joint stiffness). q_d moves at most at `speed` towards `wanted`. A limb that is pushed further than
-    the spring's greatest torque or the `leash` takes q_d along: that gives no energy back, and winds nothing up. If
+    the spring's greatest torque or the `leash` takes q_d along: that gives no energy back, and winds nothing up; v_d,
+    the speed at which q_d goes towards `wanted`, is zero then. If
     K grows, q_d comes nearer, so that the torque stays: stiffening gives the limb no energy either.
 
     At a reset q_d is where the limb is. While `wanted` isn't a number, q_d stays. While nothing says where up is, it
@@ -124,7 +129,7 @@ class JointImpedance(Controller):
         self._data: Any = self._model.createData()
         self._up = Uprightness(config.smooth)
         self._joints = Believed(robot.dq_max)
-        self._q_d = np.zeros(robot.n)
+        self._q_d, self._v_d = np.zeros(robot.n), np.zeros(robot.n)
         self._D = np.zeros(robot.n)
         self._cycles = self._held_back = self._led = self._doubted = 0
 
@@ -133,6 +138,7 @@ class JointImpedance(Controller):
         self._up.reset(self._found())
         self._joints.reset(self.input["q"])
         self._q_d[:] = self._joints.q
+        self._v_d[:] = 0.0
         self._judge()
         self._step()
 
@@ -175,17 +181,23 @@ class JointImpedance(Controller):
             return
         if joints.anew:  # the limb may be elsewhere by now
             q_d[:] = q
+            self._v_d[:] = 0.0
         k = self._ramps.values["stiffness"]
         if k > before:
             q_d[:] = q + before / k * (q_d - q)
         wanted = self.input["wanted"] if self._config.follow else q_d
+        step = np.zeros(self._n)
         if np.isfinite(wanted).all():
             aim = np.clip(wanted, self._lower, self._upper)
-            q_d += np.clip(aim - q_d, -self._speed * dt, self._speed * dt)
+            step = np.clip(aim - q_d, -self._speed * dt, self._speed * dt)
+            q_d += step
         with np.errstate(divide="ignore"):
             reach = np.minimum(np.where(k * self._K > 0.0, self._most / (k * self._K), np.inf), self._config.leash)
         taken = np.clip(q_d, q - reach, q + reach)
         self._led += bool((taken != q_d).any())
+        if dt > 0.0:
+            self._v_d += dt / (dt + _LEAD) * (step / dt - self._v_d)
+        self._v_d[taken != q_d] = 0.0
         q_d[:] = taken
 
     def _step(self) -> None:
@@ -205,7 +217,8 @@ class JointImpedance(Controller):
         share = sqrt(k) if k > _SOFT else k / sqrt(_SOFT)  # the root has no slope at zero that a ramp could follow
         inertia: Array = pin.crba(self._model, self._data, q).diagonal() + self._rotors
         self._D = 2.0 * config.damping_ratio * d * share * np.sqrt(self._K * np.maximum(inertia, 0.0))
-        spring = np.clip(K * (self._q_d - q), -self._most, self._most)
+        spring = K * (self._q_d - q) + config.lead * self._D * self._v_d
+        np.clip(spring, -self._most, self._most, out=spring)
         out["torque"][:] = out["gravity"] + spring - self._D * qd
         out["desired"][:] = self._q_d
 

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 
 from runtime.contracts.errors import OptionError, nearest
 from sim.parts.actuators.models import MODELS, ActuatorModel
-from sim.parts.actuators.motors import ActuatorMotors
+from sim.parts.actuators.motors import ActuatorMotors, IdealMotors
 from sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
 from sim.world.part import PartConfig
 
@@ -33,10 +33,19 @@ class ActuatorChainConfig(ServoChainConfig):
 
     axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
     voltage: float = Field(48.0, gt=0, description="V, of the supply")
+    ideal: bool = Field(
+        False,
+        description="drives that give the torque they are asked for: no friction, no rotors' inertia, no limit of "
+        "torque or speed, no heat",
+    )
 
 
 class ActuatorChain(ServoChain[ActuatorMotors]):
-    """A chain of quasi-direct-drive actuators; see `ServoChain`. It hangs limp until a drive is enabled."""
+    """A chain of quasi-direct-drive actuators; see `ServoChain`. It hangs limp until a drive is enabled.
+
+    With `ideal`, what is left of an error is the law's and the bus', not the motors'. The description of a limb from
+    its URDF stays as it is, so this is that limb with torques as they are asked for.
+    """
 
     Config: ClassVar[type[PartConfig]] = ActuatorChainConfig
     summary = "chain of axes with actuators on CAN: CubeMars AK, Damiao, ODrive"
@@ -48,4 +57,5 @@ class ActuatorChain(ServoChain[ActuatorMotors]):
     def servos(self, voltage: float, timestep: float) -> ActuatorMotors:
         assert all(isinstance(model, ActuatorModel) for model in self.models)
         models = [model for model in self.models if isinstance(model, ActuatorModel)]
-        return ActuatorMotors(models, voltage, timestep)
+        assert isinstance(self._config, ActuatorChainConfig)
+        return (IdealMotors if self._config.ideal else ActuatorMotors)(models, voltage, timestep)

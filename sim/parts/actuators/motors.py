@@ -25,6 +25,7 @@ WINDING_BIT, STAGE_BIT, SILENCE_BIT, VOLTAGE_BIT = 1, 2, 4, 8
 NOTHING, OFF, SLACK = 0, 1, 2  # what a drive does when it has heard nothing for its `timeout`
 _FRICTION, _VISCOUS, _STALL = 0.015, 0.1, 3.0
 _WINDING, _STAGE = (100.0, 400.0), (40.0, 150.0)  # s; K at the peak torque, final value
+_UNBOUNDED: Final = 1e9  # N m
 _BRAKE_SPEED: Final = 0.05  # rad/s, from which on a brake current gives its whole torque
 
 _ROWS: Final = (
@@ -210,3 +211,21 @@ class ActuatorMotors:
         size = self.state.size
         self.state[...] = state[:size].reshape(self.state.shape)
         self.position[:], self.velocity[:] = state[size : size + self.n], state[size + self.n :]
+
+
+class IdealMotors(ActuatorMotors):
+    """Drives that give the torque they are asked for, at any speed, for ever: a law seen without its motors."""
+
+    def __init__(self, models: Sequence[ActuatorModel], voltage: float, timestep: float) -> None:
+        super().__init__(models, voltage, timestep)
+        self.inertia, self.friction = np.zeros(self.n), np.zeros(self.n)
+        self.peak_torque = np.full(self.n, _UNBOUNDED)
+        self._no_load = np.full(self.n, np.inf)
+        self.cap[:] = _UNBOUNDED
+
+    def power_up(self, i: int) -> None:
+        super().power_up(i)
+        self.cap[i] = _UNBOUNDED
+
+    def _warm(self, torque: Array) -> None:
+        """They stay as cool as they are."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Self
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from runtime.contracts.errors import OptionError
 from runtime.contracts.frames import as_pose
-from runtime.contracts.rotation import composed, inverted, log
+from runtime.contracts.rotation import Vector, composed, exp, inverted, log
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
+from sim.wearer.motion import quintic
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
@@ -26,6 +28,17 @@ STIFFNESS: Final[dict[Firmness, tuple[float, float]]] = {
 }
 
 
+class Slip(BaseModel):
+    """The plate's rest moves, as a strap that slides down a hip, or a buckle that jumps a notch."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at: float = Field(ge=0, description="s, when it begins")
+    lasts: float = Field(0.2, gt=0, description="s, until it has come to rest; ours")
+    shift: Vector = Field((0.0, 0.0, 0.0), description="m, along the axes of where the plate stands without load")
+    tilt: Vector = Field((0.0, 0.0, 0.0), description="rad, rotation vector in the same axes; less than half a turn")
+
+
 class StrapConfig(PartConfig):
     """Options of the strap."""
 
@@ -34,6 +47,13 @@ class StrapConfig(PartConfig):
     rotation: float | None = Field(None, gt=0, description="N m/rad, about each axis")
     relaxation: float = Field(0.02, ge=0, description="s, damping over stiffness; ours")
     mass: float = Field(0.3, gt=0, description="kg, of the plate that is strapped on; ours")
+    slip: Slip | None = Field(None, description="it slips once: {at, lasts, shift, tilt}; not of a rigid one")
+
+    @model_validator(mode="after")
+    def _can_slip(self) -> Self:
+        if self.slip is not None and self.firmness == "rigid" and None in (self.translation, self.rotation):
+            raise OptionError("a rigid strap can't slip", "Choose another `firmness`")
+        return self
 
 
 class StrapPart(Part):
@@ -75,10 +95,25 @@ class StrapPart(Part):
             add(plate, "joint", name=f"{self.name}/{which}", stiffness=stiffness, damping=damping, **joint)
 
     def bind(self, model: Any, data: Any) -> None:
-        self._data = data
+        self._model, self._data = model, data
+        if self._config.slip is not None:
+            self.every = 1
+            self._slides = [int(model.joint(f"{self.name}/{axis}").qposadr[0]) for axis in POINT]
+            turn = int(model.joint(f"{self.name}/turn").qposadr[0])
+            self._turn = slice(turn, turn + 4)
         self._plate = int(model.body(f"{self.name}/plate").id)
         self._under = int(model.body_parentid[self._plate])
         self._stand = as_pose(np.concatenate([model.body_pos[self._plate], model.body_quat[self._plate]]))
+
+    def drive(self, step: int) -> None:
+        """Moves the springs' rest while the strap slips; a function of time only."""
+        slip = self._config.slip
+        if slip is None:
+            return
+        t = step * float(self._model.opt.timestep)
+        share = quintic(min(max((t - slip.at) / slip.lasts, 0.0), 1.0))
+        self._model.qpos_spring[self._slides] = share * np.array(slip.shift)
+        self._model.qpos_spring[self._turn] = exp(*(share * angle for angle in slip.tilt))
 
     def rigid(self) -> Array:
         """(7,): where the plate would be without the strap, in the world: x y z (m), w x y z."""

@@ -44,7 +44,8 @@ class WallPart(Part):
 
     MuJoCo's own contacts have a time constant instead of a stiffness, so their N/m depend on what touches.
 
-    Truth: `<name>_force` (3,) N on the body, world axes; `<name>_moved` (2,) m and m/s, of a cart along the normal.
+    Truth: `<name>_force` (3,) N on the body, world axes; `<name>_moved` (2,) m and m/s, of a cart along the normal;
+    `<name>_work` (1,) J that it has given to the body, less what it took.
     """
 
     Config: ClassVar[type[PartConfig]] = WallConfig
@@ -56,12 +57,14 @@ class WallPart(Part):
         self.truth = (
             Signal(name=f"{name}_force", shape=(3,), unit="N", labels=FORCE),
             Signal(name=f"{name}_moved", shape=(2,), unit="m, m/s", labels=("way", "speed")),
+            Signal(name=f"{name}_work", shape=(1,), unit="J"),
         )
         self.every = 1
         self._normal = np.array(config.normal) / np.linalg.norm(config.normal)
         self._place = self._speed = 0.0  # of a cart, m and m/s
         self._height = float("nan")  # m, of the point above the plane, a step ago
         self._force = np.zeros(3)
+        self._at = self._before = self._work = 0.0  # m, the point along the normal now and a step ago; J
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         if parent is not mjcf.worldbody:
@@ -76,7 +79,8 @@ class WallPart(Part):
             raise WiringError(place, f"no body is called '{touches}'", nearest(touches, bodies))
         self._body, self._timestep = bodies.index(touches), float(model.opt.timestep)
         mujoco.mj_kinematics(model, data)
-        self._zero = float(self._normal @ self._point()) - self._config.gap
+        self._at = self._before = float(self._normal @ self._point())
+        self._zero = self._at - self._config.gap
 
     def _point(self) -> Array:
         data, body = self._data, self._body
@@ -87,7 +91,11 @@ class WallPart(Part):
         config, dt, data = self._config, self._timestep, self._data
         mujoco.mj_kinematics(self._model, data)  # after a step, bodies are one step behind the joints
         point = self._point()
-        height = float(self._normal @ point) - self._zero - self._place
+        along = float(self._normal @ point)
+        # MuJoCo moves a body by its speed after the step; the force's work is that at the mean of before and after.
+        self._work += float(self._normal @ self._force) * (along - self._before) / 2
+        self._before, self._at = self._at, along
+        height = along - self._zero - self._place
         rate = (height - self._height) / dt if np.isfinite(self._height) else 0.0
         self._height = height
         push = max(-config.stiffness * height - config.damping * rate, 0.0) if height < 0.0 else 0.0
@@ -104,10 +112,11 @@ class WallPart(Part):
     def fill(self, truth: Mapping[str, Array]) -> None:
         truth[f"{self.name}_force"][:] = self._force
         truth[f"{self.name}_moved"][:] = self._place, self._speed
+        truth[f"{self.name}_work"][0] = self._work
 
     def save(self) -> Array:
-        return np.array([self._place, self._speed, self._height, *self._force])
+        return np.array([self._place, self._speed, self._height, self._at, self._before, self._work, *self._force])
 
     def restore(self, state: Array) -> None:
-        self._place, self._speed, self._height = state[:3].tolist()
-        self._force = state[3:].copy()
+        self._place, self._speed, self._height, self._at, self._before, self._work = state[:6].tolist()
+        self._force = state[6:].copy()

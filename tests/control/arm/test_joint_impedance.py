@@ -193,6 +193,32 @@ def test_the_desired_joints_go_at_their_speed_and_not_beyond_the_limits() -> Non
     assert made.output["desired"] == pytest.approx(ROBOT.q_upper)
 
 
+@pytest.mark.parametrize(("lead", "lag"), [(0.0, 1.0), (1.0, 0.0)])
+def test_a_desired_motion_that_is_led_is_not_damped(lead: float, lag: float) -> None:
+    """The arm moves as it is wanted to: what the spring still has to give is lag times D v."""
+    made = law(lead=lead)
+    made.reset()
+    v = np.array([0.2, -0.1, 0.15, 0.1])
+    made.input["qd"][:] = v
+    for _ in range(200):
+        made.input["q"] += 0.002 * v
+        made.input["wanted"][:] = made.input["q"]
+        made.update(0.002)
+    M = pin.crba(model := pinocchio_model(ROBOT), model.createData(), made.input["q"]).diagonal()
+    drag = 1.4 * np.sqrt(np.array(list(K.values())) * M) * v
+    assert made.output["torque"] - made.output["gravity"] == pytest.approx(-lag * drag, abs=2e-3)
+
+
+def test_who_holds_a_joint_that_is_led_gets_no_more_than_the_greatest_torque() -> None:
+    made = law(lead=1.0, most=2.0, speed=5.0)
+    made.reset()
+    for _ in range(300):
+        made.input["wanted"][:] = Q + 1.0
+        made.update(0.002)
+        assert np.abs(made.output["torque"] - made.output["gravity"]).max() <= 2.0 + 1e-12
+    assert made.output["torque"] - made.output["gravity"] == pytest.approx(2.0)
+
+
 def test_lost_up_is_held_and_then_stops_the_limb() -> None:
     made = law(upright="imu", patience=0.3)
     made.input["orientation"][:] = exp(0.3, 0.0, 0.0)

@@ -16,6 +16,7 @@ OPTIONS: dict[str, dict[str, Any]] = {  # those that a part can't do without
     "feetech-chain": {"axes": {"one": {"model": "STS3215"}}},
     "object": {"shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1},
     "obstacles": {"boxes": [{"position": [1.0, 0.0, 0.5], "size": [0.4, 0.2, 1.0]}]},
+    "push": {"pushes": "other_thing/body", "force": [1.0, 0.0, 0.0], "times": [[0.0, 0.5]]},
     "wall": {"touches": "other_thing/body"},
 }
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.parts.actuators.models import MODELS
-from sim.parts.actuators.motors import NOTHING, OFF, SILENCE_BIT, SLACK, STAGE_BIT, WINDING_BIT, ActuatorMotors
+from sim.parts.actuators.motors import NOTHING, OFF, SILENCE_BIT, SLACK, STAGE_BIT, WINDING_BIT, ActuatorMotors, IdealMotors
 
 DT = 0.001
 
@@ -99,3 +99,19 @@ def test_a_state_comes_back() -> None:
     other.restore(saved)
     assert np.array_equal(other.save(), saved)
     assert other.kd[0] == 1.0
+
+
+@given(st.floats(-500, 500), st.floats(-400, 400))
+def test_an_ideal_drive_gives_what_it_is_asked_for(asked: float, speed: float) -> None:
+    m = IdealMotors([MODELS["DM4310"]], 24.0, DT)
+    m.measure(np.zeros(1), np.array([speed]))
+    m.switch(0, True)
+    m.feedforward[0] = asked
+    for _ in range(3):
+        assert m.step()[0] == pytest.approx(asked)
+    assert m.effort[0] == pytest.approx(asked)
+    assert not m.inertia.any()
+    assert not m.drag.any()
+    m.power_off(0)
+    m.power_up(0)
+    assert m.step()[0] == 0.0

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from sim.parts.body.strap import STIFFNESS, StrapPart
@@ -117,3 +118,18 @@ def test_a_saved_world_goes_on_bit_for_bit():
     world.advance(600_000_000)
     second = [settled(world, 0.7), world.part(ImuPart, "imu").measured()]
     np.testing.assert_array_equal(np.concatenate([*first[0], first[1]]), np.concatenate([*second[0], second[1]]))
+
+
+def test_a_strap_that_slips_rests_elsewhere_by_what_is_said():
+    slip = {"at": 1.0, "lasts": 0.3, "shift": [0.0, 0.01, -0.05], "tilt": [0.0, 0.2, 0.1]}
+    world = cell(load=0.01, lever=0.0, slip=slip, rotation=500.0, translation=1e4)
+    before = settled(world, 1.0)
+    assert np.abs(before[0]).max() < 1e-4
+    after = settled(world, 3.0)
+    np.testing.assert_allclose(after[0], slip["shift"], atol=5e-4)
+    np.testing.assert_allclose(after[1], slip["tilt"], atol=2e-3)
+
+
+def test_a_rigid_strap_cannot_slip():
+    with pytest.raises(ValidationError, match="a rigid strap can't slip"):
+        StrapPart.Config.model_validate({"firmness": "rigid", "slip": {"at": 1.0}})

@@ -1,4 +1,4 @@
-"""The cell's part `wall`: its stiffness in N/m, a cart's momentum, what it refuses."""
+"""The cell's parts `wall` and `push`: stiffness in N/m, a cart's momentum, what they give, what they refuse."""
 
 from __future__ import annotations
 
@@ -68,3 +68,42 @@ def test_what_it_refuses() -> None:
         cell(touches="thing/bodi")
     with pytest.raises(ValueError, match="the normal needs a length"):
         cell(normal=[0, 0, 0])
+
+
+def test_what_a_wall_gave_is_the_energy_that_the_body_has_gained() -> None:
+    for damping, back in ((0.0, 0.0), (40.0, -0.1)):
+        world = cell(stiffness=1e4, damping=damping)
+        works = []
+        for k in range(1, 150):  # it falls, is in the wall, and has left it
+            world.advance(k * 1_000_000)
+            works.append(float(world.truth_arrays["wall_work"][0]))
+            if min(works) < -0.3 and world.truth_arrays["wall_force"][2] == 0.0:
+                break
+        height, speed = world.truth_arrays["thing_pose"][2], float(world.data.qvel[2])
+        assert world.truth_arrays["wall_force"][2] == 0.0 < speed
+        gained = 0.5 * MASS * speed**2 + MASS * G * (height - 1.0)
+        assert works[-1] == pytest.approx(gained, abs=0.01)  # 0.4 J have fallen
+        assert min(works) < -0.3
+        assert works[-1] <= back + 0.01
+
+
+def test_a_push_gives_its_force_for_its_time() -> None:
+    parts = {
+        "thing": {"part": "box", "size": [0.1, 0.1, 0.1], "mass": MASS, "free": True, "at": {"position": [0, 0, 9]}},
+        "knock": {"part": "push", "pushes": "thing/body", "force": [0, 50.0, 0], "times": [[0.1, 0.3]], "rise": 0.05},
+    }
+    world = Cell(CellConfig.model_validate({"parts": parts}), seed=1)
+    world.advance(90_000_000)
+    assert world.truth_arrays["knock_force"] == pytest.approx([0, 0, 0])
+    world.advance(200_000_000)
+    assert world.truth_arrays["knock_force"] == pytest.approx([0, 50, 0])
+    world.advance(400_000_000)
+    speed = float(world.data.qvel[1])
+    assert speed == pytest.approx(50.0 * 0.15 / MASS, rel=0.01)  # the impulse, N s, over the mass
+    assert world.truth_arrays["knock_work"][0] == pytest.approx(0.5 * MASS * speed**2, rel=0.01)
+
+
+def test_a_push_at_a_body_that_is_not_there_is_refused() -> None:
+    parts = {"knock": {"part": "push", "pushes": "arm/tip", "force": [0, 50.0, 0], "times": [[0.1, 0.3]]}}
+    with pytest.raises(WiringError, match="no body is called 'arm/tip'"):
+        Cell(CellConfig.model_validate({"parts": parts}), seed=1)
