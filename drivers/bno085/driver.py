@@ -111,6 +111,17 @@ class Bno085(Sensor):
         if link is not None:
             link.close()
 
+    @classmethod
+    def who_is_at(cls, port: str) -> str:
+        """See `Driver.who_is_at`. It can't be asked, so it is heard."""
+        heard = cls(port, Bno085Config(port=port))
+        link = open_transport(port, place=port, baudrate=BAUDRATE)
+        try:
+            heard._await_frame(link)
+        finally:
+            link.close()
+        return "a BNO085 in UART-RVC mode, heard only"
+
     def figures(self) -> dict[str, object]:
         """Returns its rate, frames that never came, frames with an old index, and how often the sensor began anew."""
         return {

@@ -9,22 +9,20 @@ ZXY is the default, and what is measured is held against it: specific force, tur
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import acos, cos, degrees, radians
+from math import degrees, radians
 from typing import Final, Literal
 
 import numpy as np
 
 from drivers.bno085.protocol import RATE, Record
-from runtime.contracts.rotation import EulerQuaternions, Vector, turned
+from drivers.gravity_check import GravityCheck
+from runtime.contracts.rotation import EulerQuaternions
 from runtime.contracts.signals import Array
 
 AngleOrder = Literal["ZXY", "ZYX"]
 
 MG: Final = 9.80665e-3  # m/s^2
 _CENTIDEGREE: Final = radians(0.01)
-_TAU: Final = 5.0  # s, over which the acceleration of motion averages out, also of walking in a circle
-_ENOUGH: Final = round(_TAU * RATE)  # frames before the mean is judged
-DISAGREE: Final = radians(12.0)  # a sensor at rest is 1.5 degrees off, in motion 2.5 (datasheet, figure 6-12)
 
 
 class Reading:
@@ -38,9 +36,12 @@ class Reading:
         self._order = order
         self._euler = EulerQuaternions(order, 1)
         self._angles, self._quaternion = np.zeros((1, 3)), np.zeros((1, 4))
-        self._mean: Vector = (0.0, 0.0, 0.0)
-        self._count = 0
-        self.disagrees = 0.0
+        self._gravity = GravityCheck(RATE)
+
+    @property
+    def disagrees(self) -> float:
+        """See the class."""
+        return self._gravity.disagrees
 
     def fill(self, record: Record, states: Mapping[str, Array]) -> bool:
         """Fills `orientation` and `acceleration`.
@@ -53,7 +54,7 @@ class Reading:
         self._euler.fill(self._angles, self._quaternion)
         w, x, y, z = self._quaternion[0].tolist()
         force = (MG * record.x, MG * record.y, MG * record.z)
-        if not self._agree(turned((w, x, y, z), force)):
+        if not self._gravity.agree((w, x, y, z), force):
             return False
         states["orientation"][:] = w, x, y, z
         states["acceleration"][:] = force
@@ -66,15 +67,6 @@ class Reading:
             f"angles and acceleration disagree by {degrees(self.disagrees):.0f} degrees: "
             f"try 'order: {other}'; if that doesn't help, the sensor is broken"
         )
-
-    def _agree(self, up: Vector) -> bool:
-        self._count += 1
-        share = max(1.0 / self._count, 1.0 / _ENOUGH)
-        x, y, z = (m + share * (u - m) for m, u in zip(self._mean, up, strict=True))
-        self._mean = x, y, z
-        size = (x * x + y * y + z * z) ** 0.5
-        self.disagrees = acos(max(-1.0, min(1.0, z / size))) if size > 0.0 else 0.0
-        return self._count < _ENOUGH or (size > 0.0 and z >= size * cos(DISAGREE))
 
 
 def expire(states: Mapping[str, Array]) -> None:

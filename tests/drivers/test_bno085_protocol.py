@@ -43,6 +43,22 @@ def test_the_datasheets_example():
     np.testing.assert_allclose(read(RECORD)["acceleration"], [-3.638, -0.196, 9.581], atol=5e-4)
 
 
+@pytest.mark.parametrize(
+    ("frame", "record"),
+    [
+        ("aaaa0128236ceed20400000000e80300000067", Record(1, 9000, -4500, 1234, 0, 0, 1000)),
+        ("aaaaffb0b92723b1b90080ff7fffff00000018", Record(255, -18000, 8999, -17999, -32768, 32767, -1)),
+    ],
+)
+def test_vectors_of_the_protocol_sheet(frame, record):
+    """Adafruit's library decodes them with these values."""
+    assert parsed(bytes.fromhex(frame)) == [record]
+
+
+def test_a_payload_full_of_the_header_is_refused_by_its_range_and_loses_nothing_behind_it():
+    assert parsed(bytes.fromhex("aaaaaaaaaa00000000000000000000000000fe") + EXAMPLE) == [RECORD]
+
+
 def test_the_axes_follow_from_the_examples_own_gravity():
     """At rest the specific force points up: to 1 mg with the right axes, far off with the other ones."""
     force = np.array([RECORD.x, RECORD.y, RECORD.z], float)

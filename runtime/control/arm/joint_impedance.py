@@ -47,7 +47,10 @@ class JointImpedanceConfig(ControllerConfig):
     leash: Positive = Field(0.5, description="rad or m, by which the desired joints are ahead of the measured at most")
     speed: dict[str, Positive] | Positive = Field(0.5, description="rad/s, by joint, of the desired joints")
     lead: float = Field(
-        0.0, ge=0, le=1, description="share of the desired joints' own speed that isn't damped: less lag behind `wanted`"
+        0.0,
+        ge=0,
+        le=1,
+        description="share of the desired joints' own speed that isn't damped: less lag behind `wanted`",
     )
     follow: bool = Field(True, description="follow the input `wanted`; false: hold where the limb was at the reset")
     gravity: Literal["here", "robot"] = Field("here", description="who holds the arm's weight; `robot`: its controller")

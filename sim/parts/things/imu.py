@@ -44,12 +44,15 @@ class ImuPart(Part):
         size = {"type": "box", "size": (0.013, 0.011, 0.004), "rgba": "0.1 0.25 0.5 1"}
         add(case, "geom", name=f"{self.name}/case", mass=self._mass, **size, **CONTACT["none"])
         add(case, "site", name=f"{self.name}/chip")
-        add(mjcf.sensor, "accelerometer", name=f"{self.name}/acceleration", site=f"{self.name}/chip")
+        for kind, what in (("accelerometer", "acceleration"), ("gyro", "turn")):
+            add(mjcf.sensor, kind, name=f"{self.name}/{what}", site=f"{self.name}/chip")
 
     def bind(self, model: Any, data: Any) -> None:
         self._data = data
         at = int(model.sensor(f"{self.name}/acceleration").adr[0])
         self._now = data.sensordata[at : at + 3]
+        turn = int(model.sensor(f"{self.name}/turn").adr[0])
+        self._turn = data.sensordata[turn : turn + 3]
         self._force = np.zeros(3)
         self._share = float(model.opt.timestep / (model.opt.timestep + _LAG))
         self._body = int(model.body(f"{self.name}/case").id)
@@ -66,6 +69,11 @@ class ImuPart(Part):
     def measured(self) -> Array:
         """(7,): w x y z in the world, and the specific force in the sensor's axes, m/s^2."""
         return np.concatenate([self._data.xquat[self._body], self._force])
+
+    def turning(self) -> Array:
+        """(3,): rate of turn in the sensor's axes, rad/s."""
+        found: Array = self._turn.copy()
+        return found
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         truth[self.truth[0].name][:] = self._data.xquat[self._body]

@@ -229,6 +229,12 @@ def test_what_gravity_contradicts_grows_stale():
     cable.close()
 
 
+def test_who_is_at_a_port(pair):
+    p = pair()
+    with p.bench.running():
+        assert Bno085.who_is_at(p.twin.address) == "a BNO085 in UART-RVC mode, heard only"
+
+
 def test_silence_and_another_device_are_refused_with_a_remedy():
     cable = open_transport("loop://silent", place="test")
     driver = Bno085("imu", Bno085Config(port="loop://silent"))

@@ -8,7 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.parts.actuators.models import MODELS
-from sim.parts.actuators.motors import NOTHING, OFF, SILENCE_BIT, SLACK, STAGE_BIT, WINDING_BIT, ActuatorMotors, IdealMotors
+from sim.parts.actuators.motors import (
+    NOTHING,
+    OFF,
+    SILENCE_BIT,
+    SLACK,
+    STAGE_BIT,
+    WINDING_BIT,
+    ActuatorMotors,
+    IdealMotors,
+)
 
 DT = 0.001
 

@@ -1,0 +1,59 @@
+"""What the fakes of inertial sensors share: a part `imu` of the cell, yaw that drifts, tilt that is off, silence."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.per_element import Finite, PerElement
+from runtime.contracts.rotation import exp, from_rpy, product
+from runtime.contracts.signals import Array
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.sensor import SampledFake, SensorOptions
+from sim.devices.shared.windows import Windows, inside, rising
+from sim.parts.things.imu import ImuPart
+
+Tilt = Annotated[tuple[Finite, Finite], PerElement(("x", "y"))]
+HALF = 0.5  # a small rotation is twice the vector part of its quaternion
+
+
+class InertialOptions(SensorOptions):
+    """Options of the fakes; a subclass sets the defaults of its sensor."""
+
+    drift: float = Field(default=radians(0.5) / 60, description="rad/s, of the yaw: 0.5 degrees a minute")
+    yaw: float = Field(default=0.0, description="rad, that it reads when it points along x of the world")
+    tilt: Tilt = Field(default=(0.0, 0.0), description="rad, constant error about x and y of the world; up to 0.026")
+    silent: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which it sends nothing, its cable in place"
+    )
+
+
+class InertialFake(SampledFake):
+    """Measures a part `imu`; a subclass calls `sampled` with what it takes of it.
+
+    Attributes:
+        imu: the part.
+    """
+
+    Options = InertialOptions
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(options, InertialOptions)
+        self._inertial = options
+        self.imu = self.cell.part(ImuPart, name, options.part)
+
+    def measure(self) -> Array:
+        """(7,): the orientation in the sensor's own reference, whose yaw begins somewhere and drifts, and the force."""
+        options, values = self._inertial, self.imu.measured()
+        yaw = options.yaw + options.drift * self.imu.seconds
+        w, x, y, z = values[:4].tolist()
+        tilted = product(exp(*options.tilt, 0.0), (w, x, y, z))
+        values[:4] = product(from_rpy(0.0, 0.0, yaw), tilted)
+        return values
+
+    def _is_lost(self, number: int) -> bool:
+        return inside(self._inertial.silent, self.taken_at(number)) or super()._is_lost(number)

@@ -1,0 +1,1 @@
+"""An Xsens MTi: its fake and its twin."""
