@@ -231,6 +231,7 @@ def test_what_gravity_contradicts_grows_stale():
 
 def test_who_is_at_a_port(pair):
     p = pair()
+    p.driver.close()
     with p.bench.running():
         assert Bno085.who_is_at(p.twin.address) == "a BNO085 in UART-RVC mode, heard only"
 
