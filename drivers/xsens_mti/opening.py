@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Final
 
 from drivers.transport import Transport
@@ -24,13 +25,16 @@ class Session:
         self._link, self._place, self.parser = link, place, Parser()
         self._heard = 0
 
-    def ask(self, question: bytes, answer: Id) -> bytes:
-        """The data of the answer; the question is repeated until it comes.
+    def ask(self, question: bytes, answer: Id, fits: Callable[[bytes], bool] = lambda _: True) -> bytes:
+        """The data of the answer; the question is repeated until one comes that fits.
+
+        An answer may be that to an earlier, equal question: one that doesn't fit is returned only if no other comes.
 
         Raises:
-            DeviceError: it doesn't come, or it is an error.
+            DeviceError: none comes, or an error.
         """
         until, again = time.monotonic() + PATIENCE, 0.0
+        other: bytes | None = None
         while (now := time.monotonic()) < until:
             if now >= again:
                 self._link.write_all(question, ASK)
@@ -38,10 +42,14 @@ class Session:
             heard = self._link.read_wait(max(min(again, until) - now, 0.0))
             self._heard += len(heard)
             for message in self.parser.feed(heard):
-                if message.id == answer:
+                if message.id == answer and fits(message.data):
                     return message.data
+                if message.id == answer:
+                    other = message.data
                 if message.id == Id.ERROR:
                     raise self._refused(message)
+        if other is not None:
+            return other
         raise self._nothing()
 
     def await_orientation(self) -> None:
@@ -94,7 +102,7 @@ def begin(session: Session, config: XsensMtiConfig, place: str) -> str:
         if not config.configure:
             problem = f"it sends {_text(has)}, not {_text(wanted)}"
             raise DeviceError(place, problem, "Set it up with the maker's program, or let 'configure: true' do it")
-        has = configuration(session.ask(configure(wanted), Id.CONFIGURED))
+        has = configuration(session.ask(configure(wanted), Id.CONFIGURED, lambda data: configuration(data) == wanted))
         if has != wanted:
             raise DeviceError(place, f"asked for {_text(wanted)}, it took {_text(has)}", "Ask for another 'rate'")
     session.ask(encode(Message(Id.GO_TO_MEASUREMENT, b"")), Id.MEASURING)

@@ -14,7 +14,7 @@ from helpers.worn_arm import RATE, TrueWeight, bench, worn
 
 from runtime.contracts.signals import Array
 from runtime.ipc.words import State
-from srl.testing import Simulated, simulate
+from srl.testing import Lab, Simulated, simulate
 
 pytestmark = pytest.mark.slow
 STEADY, SLIPPED = (3.0, 6.0), (6.6, 8.0)  # s: the hand is up and goes round; the same after the slip
@@ -97,6 +97,25 @@ def test_a_push_of_50_n_is_given_way_to_and_comes_back() -> None:
     assert run.states()[-1] is State.ACTIVE
     assert (effort <= [9.1, 14.1, 14.1, 6.1]).all()  # the guard's, and a step of the wire
     assert np.sqrt((found[-RATE:] ** 2).mean()) < 30.0
+
+
+@pytest.mark.parametrize(
+    ("device", "fault", "most"),
+    [("mocap", {"loss": [[3.0, 9.0]]}, 0.02), ("base", {"silent": [[3.0, 9.0]]}, 0.65)],
+    ids=["hand lost", "sensor silent"],
+)
+def test_without_hand_or_sensor_it_holds_where_it_is(device: str, fault: dict[str, Any], most: float) -> None:
+    plain = worn()
+    plain["sim"]["devices"][device] |= fault
+    with Lab(plain) as lab:
+        lab.run(2.9)
+        lab.until("stopped", most=3.0)
+        told, before = lab.time - 3.0, np.array(lab["world.arm_tip"])
+        lab.run(1.0)
+        sunk = 1e3 * float(np.linalg.norm(lab["world.arm_tip"] - before))
+        print(f"\n{device}: stopped after {told:.2f} s by {lab.cause}; {sunk:.0f} mm in the second after")
+        assert told < most
+        assert sunk < 25.0
 
 
 WALLS = {"stiff wall": {"stiffness": 4e4, "damping": 0.0}, "soft person": {"stiffness": 400.0, "damping": 5.0}}

@@ -220,3 +220,17 @@ def test_what_is_no_mti_is_refused_with_a_remedy(
         XsensMti("imu", XsensMtiConfig(port="loop://mti")).open()
     assert remedy in caught.value.remedy
     cable.close()
+
+
+def test_a_rate_that_it_does_not_take_is_refused(pair: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.xsens_mti.opening.PATIENCE", 0.3)
+    p = pair()
+    taken = p.twin._configure
+
+    def other(given: bytes) -> Message:
+        answer = taken(given)
+        return Message(answer.id, answer.data.replace(b"\x80\x20\x00\x64", b"\x80\x20\x00\x32"))
+
+    monkeypatch.setattr(p.twin, "_configure", other)
+    with pytest.raises(DeviceError, match=r"it took .*8020 at 50 Hz"):
+        p.open()
