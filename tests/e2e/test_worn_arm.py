@@ -67,6 +67,11 @@ def test_the_weight_is_held_while_the_strap_tilts_and_slips() -> None:
         print(f"slip, up by {upright}: {since.max():.0f} mm off, within 40 mm after "
               f"{np.flatnonzero(since > 40.0)[-1] / RATE:.2f} s")  # fmt: skip
         assert run.states()[-1] is State.ACTIVE
+        tilt = np.rad2deg(between(run, "world.straps_tilt", (7.0, 8.0))[:, 1])
+        time = np.arange(len(tilt))
+        rocks = float((tilt - np.polyval(np.polyfit(time, tilt, 3), time)).std())
+        print(f"the strap rocks by {rocks:.2f} degrees rms a second after")
+        assert rocks < 0.4  # arm and strap don't keep each other going
         for span in (STEADY, SLIPPED):
             torque = left[upright, span] = weight_left(run, span)
             tilt = np.rad2deg(np.linalg.norm(between(run, "world.straps_tilt", span), axis=1).mean())
