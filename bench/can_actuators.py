@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
@@ -37,7 +38,7 @@ def run() -> list[Row]:
     rows = []
     for count in COUNTS:
         with _twin(count):
-            pairs = measure(lambda n=count: _ours(n), {_PEER: lambda n=count: _peer(n)}, PAIRS)
+            pairs = measure(partial(_ours, count), {_PEER: partial(_peer, count)}, PAIRS)
         what = f"CPU time of a cycle, {count} motor{'s' if count > 1 else ''}, {2 * count} frames"
         rows.append(pairs.row("can-actuators", what, "cpu", _PEER, "us", "not more", lambda r: r <= 1))
     return rows
