@@ -85,7 +85,7 @@ def test_without_a_port_those_that_may_be_it_are_asked(
     ("arguments", "words"),
     [
         (["--ask", "feetch"], "no driver is called 'feetch'"),
-        (["--ask", "panda"], "driver 'panda' can't ask who is at a port. These can: bno085, cyberglove, dynamixel, feetech"),
+        (["--ask", "panda"], "driver 'panda' can't ask who is at a port. These can: bno085, cyberglove"),
         (["--ask", "feetech"], "no port here may be feetech's by its USB numbers. Name one with --port PORT"),
         (["--ask", "feetech", "--wait"], "doesn't go with --wait"),
         (["--port", "/dev/ttyUSB0"], "goes with --ask DRIVER"),
