@@ -102,8 +102,9 @@ def test_certificates_of_the_bus(pair: tuple[Path, Path], tmp_path: Path, capsys
     other.write_text("nothing\n")
 
     def with_tls(ca: Path, certificate: Path, key: Path) -> list[str]:
+        roles = "bus.roles={observer: [otto]}"
         tls = f"bus.tls={{ca: {ca}, certificate: {certificate}, key: {key}}}"
-        return ["sixth-finger", "--sim", "--set", "bus.listen=[tls/127.0.0.1:7447]", "--set", tls]
+        return ["sixth-finger", "--sim", "--set", "bus.listen=[tls/127.0.0.1:7447]", "--set", tls, "--set", roles]
 
     assert main(["check", *with_tls(certificate, certificate, key)]) == 0
     capsys.readouterr()

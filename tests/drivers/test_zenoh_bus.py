@@ -137,7 +137,8 @@ def test_over_mutual_tls_and_not_without(tmp_path: Path) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    other = Other(tmp_path, listen=[f"tls/127.0.0.1:{port}"], tls=lab["robot"].model_dump())
+    tls, roles = lab["robot"].model_dump(), {"observer": ["client"]}
+    other = Other(tmp_path, listen=[f"tls/127.0.0.1:{port}"], tls=tls, roles=roles)
     try:
         device = remote(f"tls://localhost:{port}", tls=lab["client"])
         reopened(device)

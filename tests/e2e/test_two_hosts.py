@@ -110,10 +110,9 @@ def test_a_cut_cable_stops_the_limb_and_nothing_old_moves_it(
     hosts: Hosts, tmp_path: Path, silence: float, seconds: float
 ) -> None:
     tls = certificates(tmp_path, ("glove", "finger"), (GLOVE, FINGER))
-    glove = On(
-        hosts.names[0], tmp_path / "a", "sixth-finger", "--sim",
-        *overrides(bus={"decimate": 1, "listen": [f"tls/{GLOVE}:{PORT}"], "tls": tls["glove"].model_dump()}),
-    )  # fmt: skip
+    bus = {"decimate": 1, "listen": [f"tls/{GLOVE}:{PORT}"], "tls": tls["glove"].model_dump()}
+    bus["roles"] = {"observer": ["finger"]}
+    glove = On(hosts.names[0], tmp_path / "a", "sixth-finger", "--sim", *overrides(bus=bus))
     remote = {
         "driver": "zenoh",
         "port": f"tls://{GLOVE}:{PORT}",
