@@ -23,7 +23,7 @@ from helpers import ROOT
 from helpers.wait import until
 
 RELEASE = "bookworm"
-PACKAGES = ("systemd", "systemd-sysv", "dbus", "python3", "python3-venv")
+PACKAGES = ("systemd", "systemd-sysv", "dbus", "udev", "python3", "python3-venv")
 # The machine's root may give what the unit's limits ask for, where the test itself has it to give.
 CAPABILITIES = "CAP_SYS_RESOURCE,CAP_IPC_LOCK"
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin"

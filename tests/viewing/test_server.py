@@ -21,7 +21,6 @@ from helpers.wait import until
 
 from runtime.ipc.words import State
 from runtime.recording.framing import HEADER, strip
-from runtime.recording.reader import read
 from runtime.viewing import __main__ as command
 from runtime.viewing import assets
 from runtime.viewing.assets import listener
@@ -160,11 +159,8 @@ def test_a_part_follows_when_the_one_before_is_drawn(
         found.write_bytes(head[:HEADER] + strip(head) + data)
         return cycle
 
-    cycle = talk(viewer, page, kept=kept)
-    recording = read(found)
-    assert recording.layout.meta["name"] == "made-up"
-    cycles = recording.layout.word(recording.rows, "cycle")
-    assert cycles[-1] >= cycle
+    talk(viewer, page, kept=kept)
+    assert found.stat().st_size > HEADER  # what is in it, only rerun reads: the pages' stream has no rows of ours
     # The stop of a moment is told, also where no row of it is.
     shown = subprocess.run(
         [Path(sys.prefix) / "bin" / "rerun", "rrd", "print", "-vvv", "--entity", "/loop/state", found],
