@@ -35,12 +35,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Sends until Ctrl-C or SIGTERM, over restarts of the loop too."""
     from runtime.contracts.reach import refuse_strangers
-    from runtime.export.lsl_outlet import Outlet, library
+    from runtime.export.lsl_outlet import Outlet, load
 
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda got, _: ended.append(got))
-    lsl = library(args.exposed)
+    lsl = load(args.exposed)
     addresses = [] if args.exposed else refuse_strangers(_REMEDY)
     outlet = Outlet(lsl, choose(args.instance), args.signals)
     told, lack, lost, due = "", "", 0, 0.0

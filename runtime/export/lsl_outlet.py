@@ -39,7 +39,7 @@ level=-1
 """
 
 
-def library(exposed: bool) -> ModuleType:
+def load(exposed: bool) -> ModuleType:
     """pylsl, told not to read any configuration of the machine or of the folder.
 
     Args:
@@ -65,7 +65,7 @@ class Outlet:
         """Opens rows and stream.
 
         Args:
-            lsl: what `library` gave.
+            lsl: what `load` gave.
             run_folder: the instance's folder.
             references: signals, or parts of them, as `record.plots` names them.
         Raises:

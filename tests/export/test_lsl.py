@@ -220,7 +220,7 @@ class Outlet:
     def close(self):
         pass
 
-lsl_outlet.library, lsl_outlet.Outlet, lsl.choose = (lambda exposed: None), Outlet, (lambda name: None)
+lsl_outlet.load, lsl_outlet.Outlet, lsl.choose = (lambda exposed: None), Outlet, (lambda name: None)
 print(main(["lsl", "--signals", "law.x"]))
 """
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 from helpers.body_run import CAPSULES, GROUPS, TREE, body_layout, body_rows
+from helpers.drawn import Drawn
 
 from runtime.contracts.field import Field
 from runtime.contracts.rotation import matrices
@@ -22,24 +22,6 @@ from runtime.recording.reader import read
 from runtime.recording.shapes import distance_colors, visuals
 
 COUNT = 400
-
-
-class Drawn:
-    """The entities of a file: static components, and the others with the cycle of each of their rows."""
-
-    def __init__(self, file: Path) -> None:
-        self.static: dict[tuple[str, str], list[Any]] = {}
-        self.moving: dict[tuple[str, str], dict[int, list[Any]]] = {}
-        for chunk in rr.chunk.RrdReader(file).stream():
-            batch = chunk.to_record_batch()
-            for name, column in zip(batch.schema.names, batch.columns, strict=True):
-                key = (chunk.entity_path, name)
-                if chunk.is_static:
-                    self.static[key] = column.to_pylist()[0]
-                elif "cycle" in batch.schema.names:
-                    cycles = batch.column(batch.schema.names.index("cycle")).to_pylist()
-                    rows = zip(cycles, column.to_pylist(), strict=True)
-                    self.moving.setdefault(key, {}).update((c, row) for c, row in rows if row is not None)
 
 
 @pytest.fixture(scope="module")

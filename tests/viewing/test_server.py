@@ -15,6 +15,7 @@ from typing import Any
 
 import psutil
 import pytest
+from helpers.drawn import Drawn
 from helpers.operator_page import UPGRADE, Socket, asked, closed, cookie, get, heard, place, talk
 from helpers.viewed import ViewedLoop, ViewerProcess
 from helpers.wait import until
@@ -159,8 +160,10 @@ def test_a_part_follows_when_the_one_before_is_drawn(
         found.write_bytes(head[:HEADER] + strip(head) + data)
         return cycle
 
-    talk(viewer, page, kept=kept)
-    assert found.stat().st_size > HEADER  # what is in it, only rerun reads: the pages' stream has no rows of ours
+    cycle = talk(viewer, page, kept=kept)
+    drawn = Drawn(found)
+    assert drawn.static  # what is drawn once came with the first part
+    assert max(max(rows) for rows in drawn.moving.values()) >= cycle
     # The stop of a moment is told, also where no row of it is.
     shown = subprocess.run(
         [Path(sys.prefix) / "bin" / "rerun", "rrd", "print", "-vvv", "--entity", "/loop/state", found],
