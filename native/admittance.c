@@ -22,7 +22,6 @@ typedef struct {
     double releases[2], draws[2], ahead[3], leashed;
 } State;
 
-#define COUNT(type) ((int)(sizeof(type) / sizeof(double)))
 #define SMALL 1e-2
 #define FULL 0.5
 #define DEBT 5.0
@@ -109,10 +108,6 @@ static double draw_share(const Options *o, double *left, int led, Vector ahead, 
     return size > 0.0 ? way / size : 0.0;
 }
 
-static void ramp(double *value, double wanted, double rate, double up, double dt) {
-    if (*value != wanted) *value = least_of(most_of(wanted, *value - dt * rate), *value + dt * up);
-}
-
 static int step(double *const *a, int n, double dt, int flag) {
     const double *wrench = a[0], *pose = a[1], *twist = a[2], *modes = a[3];
     const double scale = *a[4], damped = *a[5], leash = *a[6];
@@ -182,8 +177,8 @@ static int step(double *const *a, int n, double dt, int flag) {
             slow += release_rate(o, o->deceleration[0], &s->releases[0], !leads, s->velocity, h);
             spin += release_rate(o, o->deceleration[1], &s->releases[1], !turns, s->velocity + 3, h);
         }
+        int plain = slow == 0.0 && spin == 0.0 && !held;
         for (int i = 0; i < 6; i++) {
-            int plain = slow == 0.0 && spin == 0.0 && !held;
             all[i] = plain ? D[i] : D[i] + drag[i] + M[i] * (i < 3 ? slow : spin);
             used[i] = held ? force[i] + pull[i] : force[i];
         }

@@ -25,11 +25,18 @@ typedef struct {
     const Arg *args; /* ends with a name of NULL; n is the number of elements of the first, where its `each` is 1 */
 } Law;
 
+#define COUNT(type) ((int)(sizeof(type) / sizeof(double))) /* of a struct of doubles: an array's elements */
+
 extern const Law tool_pose, admittance, moca_impedance, torque_guard, velocity_guard, position_guard, sent_tracker;
 
 /* As Python's: the first, unless the second is smaller (larger). */
 static inline double least_of(double a, double b) { return b < a ? b : a; }
 static inline double most_of(double a, double b) { return b > a ? b : a; }
+
+/* Goes to what is wanted, in a second by `down` and `up` at most: as Python's Ramps. */
+static inline void ramp(double *value, double wanted, double down, double up, double dt) {
+    if (*value != wanted) *value = least_of(most_of(wanted, *value - dt * down), *value + dt * up);
+}
 
 /* Whether all are finite and so small that no sum of squares overflows. */
 static inline int ordinary(const double *v, int count) {

@@ -24,8 +24,6 @@ typedef struct {
     double cycles, held_back, singular, strongest; /* figures: may be infinite */
 } State;
 
-#define COUNT(type) ((int)(sizeof(type) / sizeof(double)))
-
 /* L D L^T of the lower triangle of A (6 x 6), rows in descending order of the diagonal, as Eigen's. */
 typedef struct { double L[6][6]; int swap[6]; } Factors;
 
@@ -186,10 +184,6 @@ static double between_ratios(double level, const double *of) {
     return exp(log(of[0]) + level * (log(of[1]) - log(of[0])));
 }
 
-static void ramp(double *value, double wanted, double rate, double dt) {
-    if (*value != wanted) *value = least_of(most_of(wanted, *value - dt * rate), *value + dt * rate);
-}
-
 enum { Q, QD, BASE_POSE, POSE, TWIST, JACOBIAN, WANTED_POSE, WANTED_TWIST, MODES, APPLIED, APPLIED_BASE, P_STIFFNESS,
        P_DAMPING, OPTIONS, JOINTS, BODIES, LOADED, ARMATURE, MOVED, STATE, POSTURES, TORQUE, BASE_TWIST, FORCE };
 
@@ -232,8 +226,8 @@ static int step(double *const *a, int n, double dt, int flag) {
         s->fade = most_of(s->fade - part, 0.0);
         for (int i = 0; i < n; i++) preferred[i] = offset[i] * s->fade + chosen[i];
     }
-    ramp(&s->factors[0], a[P_STIFFNESS][0], o->quickest, dt);
-    ramp(&s->factors[1], a[P_DAMPING][0], o->quickest, dt);
+    ramp(&s->factors[0], a[P_STIFFNESS][0], o->quickest, o->quickest, dt);
+    ramp(&s->factors[1], a[P_DAMPING][0], o->quickest, o->quickest, dt);
 
     /* _step: M_a^-1, S, F */
     static const double upright[PLACE] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};

@@ -111,6 +111,7 @@ static PyObject *module_bind(PyObject *module, PyObject *args) {
     if (law == NULL) return PyErr_Format(PyExc_KeyError, "nothing is called '%s'", name);
     int count = 0;
     while (law->args[count].name) count++;
+    if (count > MOST_ARGS) return PyErr_Format(PyExc_SystemError, "%s has %d arrays: raise MOST_ARGS", name, count);
     if (given - 1 != count)
         return PyErr_Format(PyExc_TypeError, "%s takes %d arrays, not %zd", name, count, given - 1);
     allocfunc allocate = (allocfunc)PyType_GetSlot((PyTypeObject *)bound_type, Py_tp_alloc);
@@ -123,21 +124,6 @@ static PyObject *module_bind(PyObject *module, PyObject *args) {
             return NULL;
         }
     return (PyObject *)bound;
-}
-
-static PyObject *module_arguments(PyObject *module, PyObject *name) {
-    (void)module;
-    const char *text = PyUnicode_Check(name) ? PyUnicode_AsUTF8AndSize(name, NULL) : NULL;
-    const Law *law = text ? law_of(text) : NULL;
-    if (PyErr_Occurred()) return NULL;
-    if (law == NULL) return PyErr_Format(PyExc_KeyError, "nothing has this name");
-    PyObject *found = PyList_New(0);
-    for (const Arg *arg = law->args; found && arg->name; arg++) {
-        PyObject *each = Py_BuildValue("(siiO)", arg->name, arg->fixed, arg->each, arg->written ? Py_True : Py_False);
-        if (each == NULL || PyList_Append(found, each) < 0) Py_CLEAR(found);
-        Py_XDECREF(each);
-    }
-    return found;
 }
 
 static PyType_Slot bound_slots[] = {
@@ -156,7 +142,6 @@ static PyType_Spec bound_spec = {
 
 static PyMethodDef methods[] = {
     {"bind", module_bind, METH_VARARGS, "bind(name, *arrays): checks the arrays once and returns f(dt, flag=0)."},
-    {"arguments", module_arguments, METH_O, "arguments(name): (name, fixed, each, written) of each array."},
     {NULL, NULL, 0, NULL},
 };
 
@@ -166,22 +151,10 @@ static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "runtime._compile
 PyMODINIT_FUNC PyInit__compiled(void) {
     PyObject *module = PyModule_Create(&definition);
     if (module == NULL) return NULL;
-    if (bound_type == NULL && (bound_type = PyType_FromSpec(&bound_spec)) == NULL) goto failed;
-    if (PyModule_AddStringConstant(module, "compiler", COMPILER) < 0) goto failed;
-    if (PyModule_AddIntConstant(module, "most_joints", MOST_JOINTS) < 0) goto failed;
-    PyObject *names = PyList_New(0);
-    for (const Law *const *law = LAWS; names && *law; law++) {
-        PyObject *name = PyUnicode_FromString((*law)->name);
-        if (name == NULL || PyList_Append(names, name) < 0) Py_CLEAR(names);
-        Py_XDECREF(name);
+    if (bound_type == NULL) bound_type = PyType_FromSpec(&bound_spec);
+    if (bound_type == NULL || PyModule_AddStringConstant(module, "compiler", COMPILER) < 0) {
+        Py_DECREF(module);
+        return NULL;
     }
-    if (names == NULL || PyModule_AddObjectRef(module, "names", names) < 0) {
-        Py_XDECREF(names);
-        goto failed;
-    }
-    Py_DECREF(names);
     return module;
-failed:
-    Py_DECREF(module);
-    return NULL;
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from math import inf
 
 import numpy as np
@@ -28,7 +29,7 @@ def compile_guard(guard: CommandGuard, asked: Array, asked_velocity: Array | Non
     """
     if guard.verified is not None:
         raise NotCompiledError("it doesn't take `clear:`")
-    made = next((kind for cls, kind in _KINDS.items() if type(guard) is cls), None)
+    made = _KINDS.get(type(guard))
     if made is None:
         raise NotCompiledError("it has no C version")
     guard.fast = made(guard, asked, asked_velocity)
@@ -85,10 +86,12 @@ class _Compiled(Fast):
         self._inside = self._all_taken = False
         self._patience.forget()
 
+    @abstractmethod
     def _bind(self, guard: CommandGuard) -> Step:
-        raise NotImplementedError
+        """Binds the C function. Raises NotCompiledError: it doesn't do what the guard's limits ask for."""
 
     def _enter(self) -> bool:
+        """Takes the guard's state; False: it is none that C goes on from."""
         return True
 
     def _leave(self) -> None:
