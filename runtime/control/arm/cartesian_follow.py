@@ -151,7 +151,6 @@ class CartesianFollow(Controller):
             self._data = self._model.createData()
 
     def reset(self) -> None:
-        self._known = False
         self._start()
         self._turn = (0.0, 0.0, 0.0)
         self._target.reset()
