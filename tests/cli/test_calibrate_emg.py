@@ -267,7 +267,6 @@ def test_a_file_that_doesnt_fit_is_refused(
     assert "Traceback" not in said
 
 
-@pytest.mark.slow
 def test_exchanged_slots_are_refused_and_a_file_of_before_is_doubted(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -305,6 +304,7 @@ def test_files_of_two_persons_are_doubted() -> None:
     assert "on a day that hasn't come yet" in said
 
 
+@pytest.mark.slow
 def test_the_simulated_muscles_of_the_shipped_profile_are_calibrated(tmp_path: Path) -> None:
     gains = "sim.devices.emg.gains={biceps: 0.0008, triceps: 0.0003}"
     told: dict[str, Any] = summary(
