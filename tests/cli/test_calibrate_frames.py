@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 from collections.abc import Callable
@@ -12,29 +11,23 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from helpers.edited import edited
-from helpers.frame_calibration import BASE, PROFILE, TRACKER, Leader
+from helpers.frame_calibration import BASE, POINTS, PROFILE, TRACKER, Leader
 from helpers.run import call, summary
-from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from drivers.ur import Ur, UrConfig
 from runtime.calibration import frame_method, frame_report, method
 from runtime.calibration.cut import build
 from runtime.calibration.order import Order
-from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
 from runtime.contracts.files import Files, decoded
-from runtime.control.mount.fit import Thresholds
-from runtime.control.mount.procedure import Kind, Procedure
 from runtime.control.mount.record import FrameRecord, Pose
-from runtime.control.mount.samples import Plan
 from runtime.control.shared import record_file
 from runtime.profile import profile, wiring
 
 Command = Callable[..., int]
 drawn = frame_report.draw
-POINTS = ("what=points", "frame_tip=0.03,0.02,0.05")
 
 
 @pytest.fixture
@@ -341,84 +334,6 @@ def test_a_replay_has_the_file_and_a_typed_one_is_looked_for_here(command: Comma
         *profile.parse(meta["label"], meta["profile"], meta["overrides"], Files(recorded=decoded(meta["files"], "run")))
     )
     assert again.frames.entries["arm"] == graph.frames.entries["arm"]
-
-
-def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:
-    actor = Leader()
-    procedure = Procedure(Plan(), Thresholds(turned=3.0))
-    feed(actor, procedure, 10.0)
-    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
-    assert "it is like pose 1 (turned by" in procedure.view().lack
-    procedure = Procedure(Plan(), Thresholds())
-    while procedure.step.kind is not Kind.HOLD:
-        feed(actor, procedure, 0.1)
-    feed(actor, procedure, 0.3)
-    actor.pushed = {1: 0.02}
-    feed(actor, procedure, 0.8)
-    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 1)
-
-
-@pytest.mark.parametrize(("option", "holds"), [((), False), (POINTS, True), ((*POINTS, "parent_tip=0,0,0.12"), False)])
-def test_what_turns_in_place_isnt_still(option: tuple[str, ...], holds: bool) -> None:
-    actor = Leader(option)
-    procedure = Procedure(actor.taps.options.plan, Thresholds())
-    while procedure.step.kind is not Kind.HOLD:
-        feed(actor, procedure, 0.1)
-    actor.turning = 0.1  # rad/s; its origin stays where it is
-    feed(actor, procedure, 1.2)
-    assert (procedure.step.number == 2) == holds
-
-
-@pytest.mark.parametrize("gone", [{"lost": (2,)}, {"blind": (2,)}])
-def test_the_last_pose_of_lost_cameras_counts_for_nothing(gone: dict[str, Any]) -> None:
-    actor = Leader(**gone)
-    procedure = Procedure(Plan(), Thresholds())
-    feed(actor, procedure, 20.0)
-    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
-    assert procedure.view().missing == "what is measured in the parent isn't seen"
-    assert procedure.go_on() == ""
-    feed(actor, procedure, 5.0)
-    assert procedure.step.number == 2
-    actor.lost = actor.blind = ()
-    feed(actor, procedure, 60.0)
-    assert procedure.done
-
-
-def test_a_pose_left_out_counts_for_nothing() -> None:
-    procedure, actor = Procedure(Plan(count=7), Thresholds()), Leader(("count=7",))
-    while procedure.step.number != 3:
-        feed(actor, procedure, 0.1)
-    assert procedure.skip() == ""
-    feed(actor, procedure, 60.0)
-    assert procedure.done
-    assert procedure.view().states[2] == "left out"
-    found = frame_method.FrameMethod.compute(
-        object.__new__(frame_method.FrameMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
-        actor.taps.date(actor.rows[0]),
-    )  # fmt: skip
-    assert found.mount.numbers == (1, 2, 4, 5, 6, 7)
-    assert procedure.redo(1) == ""
-    assert procedure.skip() == "6 poses must remain"
-    assert procedure.redo(9) == "the poses are 1 to 7"
-
-
-def test_the_screen_shows_what_to_do_and_what_is_measured() -> None:
-    actor, procedure = Leader(), Procedure(Plan(), Thresholds())
-    feed(actor, procedure, 0.6)
-    console = Console(file=io.StringIO(), width=110, force_terminal=False)
-    console.print(picture("calibrate", procedure.view()))
-    shown = console.file.getvalue()  # type: ignore[attr-defined]
-    for words in ("Bring both bodies to another pose", "in parent", "in frame", "poses ", "q quit"):
-        assert words in shown
-
-
-def feed(actor: Leader, procedure: Procedure, seconds: float) -> None:
-    """Goes on for so long, or until it is done."""
-    end = actor.count + 50 * seconds
-    while actor.count < end and not procedure.done:
-        if procedure.step is not actor.step:
-            actor.begin(procedure)
-        procedure.feed(actor.taps.samples(actor.take()))
 
 
 def recorded(actor: Leader, path: Path) -> None:

@@ -22,6 +22,7 @@ from runtime.profile import profile
 
 BASE: Pose = (1.2, -0.4, 0.8, *rotation.from_rpy(0.1, 0.0, 2.0))  # of the arm in the room
 TRACKER: Pose = (0.03, 0.02, 0.05, *rotation.from_rpy(0.3, 0.2, 0.1))  # of what the cameras see, on the flange
+POINTS = ("what=points", "frame_tip=0.03,0.02,0.05")  # options
 PROFILE = """\
 name: cell
 rate: 100

@@ -1,13 +1,16 @@
-"""A made-up loop, and a panel of it that nobody has opened yet."""
+"""A made-up loop, and a panel of it: one that nobody has opened yet, or in a browser."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import pytest
+from helpers.chromium import Chromium
 from helpers.operated import OperatedLoop
+from helpers.operator_seen import Seen
+from helpers.wait import until
 
-from runtime.ipc.words import State
+from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 from runtime.operator.client import OperatorPage
 
 
@@ -32,3 +35,24 @@ def page(loop: OperatedLoop, process: OperatorPage) -> OperatorPage:
     loop.presses.clear()
     process.new_address()
     return process
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    with Chromium(tmp_path_factory.mktemp("chromium")) as made:
+        yield made
+
+
+@pytest.fixture
+def seen(loop: OperatedLoop, process: OperatorPage, browser: Chromium) -> Iterator[Seen]:
+    """A tab of its own, of a run that is active and well."""
+    loop.state, loop.cause, loop.latches, loop.refuses = State.ACTIVE, Cause.NONE, Latch(0), ""
+    loop.link, loop.stops = LINK_CONNECTED | LINK_ACTIVE, 0
+    loop.asked.clear()
+    loop.presses.clear()
+    page = browser.open(process.new_address())
+    page.ask("Emulation.setFocusEmulationEnabled", enabled=True)
+    made = Seen(loop, process, page)
+    until(lambda: made.now("condition") == "live" and made.now("takes"))
+    yield made
+    page.close()
