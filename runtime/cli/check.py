@@ -127,7 +127,7 @@ def check_guards(graph: Graph) -> dict[str, str]:
     The values that a device reads from its own hardware aren't known before it is open. A limit that only the
     device can give is checked at the start of a run.
     """
-    from runtime.loop.cycle import limits_of
+    from runtime.loop.guards import limits_of
 
     categories = {}
     for actuator in graph.actuators:

@@ -10,7 +10,7 @@ from runtime.cli import add_command
 from runtime.cli.check import check_certificates, check_guards
 from runtime.cli.show_text import SECTIONS, text
 from runtime.contracts.errors import RequestError
-from runtime.loop.cycle import limits_of
+from runtime.loop.guards import limits_of
 from runtime.profile import profile, wiring
 from runtime.profile.overview import overview
 

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import fields
 from math import isfinite
 
 import numpy as np
 
 from runtime.contracts.compiled import Backend
-from runtime.contracts.errors import DeviceError, WiringError, nearest
+from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Kind, Limits, Stop
-from runtime.guard import GUARDS, CommandGuard
-from runtime.guard.limits import merge
 from runtime.ipc import latches
 from runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
 from runtime.ipc.words import (
@@ -40,6 +37,7 @@ from runtime.ipc.words import (
     State,
 )
 from runtime.loop.backends import Backends
+from runtime.loop.guards import make_guards
 from runtime.loop.lookout import Lookout
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.loop.reset_inputs import ResetInputs
@@ -88,7 +86,7 @@ class Cycle:
         overrun = graph.profile.faults.overrun
         self.ladder = Ladder(overrun.tolerate, overrun.window, overrun.stop)
         self.report = report
-        self.guards = [self._make_guard(a, limits[a.name]) for a in graph.actuators]
+        self.guards = make_guards(graph, limits)
         self._backends = Backends(graph, self.guards, backend)
         self._ints = graph.row.ints
         self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
@@ -388,51 +386,7 @@ class Cycle:
             self._links[actuator.device] |= LINK_ACTIVE
             self._begun[i] = True
 
-    def _make_guard(self, a: Actuator, limits: Limits) -> CommandGuard:
-        profile = self.graph.profile
-        entry = profile.guard.get(a.name)
-        place = self.graph.source.place(f"guard.{a.name}")
-        tolerance = entry.tolerance if entry is not None else 1e-3
-        make, dt = GUARDS[a.command.kind], float(1 / profile.rate)
-        guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
-        guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
-        if a.cleared is not None:
-            tracking = a.cleared.tracking.reshape(a.command.shape)
-            cleared = a.cleared
-            guard.keep_clear(cleared.clearance, cleared.lag, tracking, cleared.timeout, cleared.least_lag)
-        return guard
-
 
 def by_itself(actuator: Actuator, category: Stop) -> bool:
     """Whether a device does this stop of its positions by itself: torque off, or damping, which no position is."""
     return category in (Stop.LIMP, Stop.DAMP) and actuator.command.kind is Kind.POSITION
-
-
-def limits_of(graph: Graph) -> dict[str, Limits]:
-    """By command name, the narrower of the profile's limits and the devices' own (known once they are open).
-
-    Raises:
-        WiringError: a device limits something that is none of its commands, or by another shape.
-    """
-    found = {}
-    for device in graph.devices:
-        commands = {c.name: c for c in device.commands}
-        for name, limits in device.limits.items():
-            place = graph.source.place(f"devices.{device.name}")
-            if name not in commands:
-                remedy = nearest(name, commands)
-                raise WiringError(place, f"its driver limits '{name}', which is none of its commands", remedy)
-            for f in fields(limits):
-                if (value := getattr(limits, f.name)) is not None and np.shape(value) != commands[name].shape:
-                    problem = f"its driver's limit '{f.name}' of '{name}' has shape {np.shape(value)}"
-                    raise WiringError(place, problem, f"It must have the command's: {commands[name].shape}")
-    for actuator in graph.actuators:
-        device = graph.devices[actuator.device]
-        own = device.limits.get(actuator.command.name, Limits())
-        entry = graph.profile.guard.get(actuator.name)
-        place = graph.source.place(f"guard.{actuator.name}")
-        command, wanted = actuator.command, Limits()
-        if entry is not None:
-            wanted = entry.to_limits(command.shape, place, command.labels, command.ordered)
-        found[actuator.name] = merge(wanted, own)
-    return found

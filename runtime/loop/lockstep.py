@@ -11,8 +11,9 @@ import numpy as np
 
 from runtime.ipc.requests import Request, RequestKind
 from runtime.ipc.words import CYCLE, Origin, State
-from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.cycle import Cycle
 from runtime.loop.device import Device
+from runtime.loop.guards import limits_of
 from runtime.loop.release import release
 from runtime.profile.graph import Graph
 

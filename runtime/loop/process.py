@@ -35,8 +35,9 @@ from runtime.ipc.words import CYCLE, Cause, State
 from runtime.loop import realtime
 from runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
 from runtime.loop.control_end import ControlEnd
-from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.cycle import Cycle
 from runtime.loop.device import Device
+from runtime.loop.guards import limits_of
 from runtime.loop.loop import Loop
 from runtime.loop.request_queue import RequestQueue
 from runtime.profile import profile, wiring

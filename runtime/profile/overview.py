@@ -32,7 +32,7 @@ def overview(graph: Graph, limits: Mapping[str, Limits]) -> Item:
 
     Args:
         graph: as it is wired.
-        limits: by command name, those of the guard (`runtime.loop.cycle.limits_of`).
+        limits: by command name, those of the guard (`runtime.loop.guards.limits_of`).
     """
     profile = graph.profile
     return {

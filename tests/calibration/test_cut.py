@@ -16,7 +16,7 @@ from runtime.contracts.errors import ProfileError, SrlError, WiringError
 from runtime.contracts.files import Files
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POSE
-from runtime.loop.cycle import limits_of
+from runtime.loop.guards import limits_of
 from runtime.profile import profile
 from runtime.profile.profile import Profile
 

@@ -14,7 +14,7 @@ import pytest
 from runtime.cli import main
 from runtime.contracts.rotation import Pose, composed, inverted
 from runtime.guard.limits import NAMES
-from runtime.loop.cycle import limits_of
+from runtime.loop.guards import limits_of
 from runtime.profile import profile, shelf, wiring
 from runtime.profile.connections import connections
 from runtime.profile.graph import Graph

@@ -10,7 +10,7 @@ from runtime.ipc import latches
 from runtime.ipc.layout import Layout
 from runtime.ipc.row import Row
 from runtime.loop import process
-from runtime.loop.cycle import limits_of
+from runtime.loop.guards import limits_of
 from runtime.loop.lockstep import Lockstep
 from runtime.loop.replay import Comparison, replay
 from runtime.profile import profile, wiring

@@ -24,8 +24,9 @@ from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause, Latch, State
 from runtime.loop.clock import Clock, Tick
 from runtime.loop.control_end import ControlEnd
-from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.cycle import Cycle
 from runtime.loop.device import Device
+from runtime.loop.guards import limits_of
 from runtime.loop.loop import Loop
 from runtime.loop.process import _plain
 from runtime.loop.request_queue import RequestQueue

@@ -18,8 +18,9 @@ from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Command, Kind, Signal
 from runtime.ipc.requests import Request, RequestKind
 from runtime.ipc.words import CYCLE, DEVICE, FLAG_LIMITED, FLAG_RESEATED, LINK_ACTIVE, Origin, State
-from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.cycle import Cycle
 from runtime.loop.device import Device
+from runtime.loop.guards import limits_of
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 

@@ -22,7 +22,8 @@ from runtime.jog.cut import cut
 from runtime.jog.hold import Hold
 from runtime.jog.presses import Presses
 from runtime.jog.session import Session
-from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.cycle import Cycle
+from runtime.loop.guards import limits_of
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph

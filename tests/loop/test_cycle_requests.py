@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from runtime.ipc.latches import NONE
 from runtime.ipc.requests import Answer, Request, RequestKind
 from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, Origin, State
-from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.cycle import Cycle
+from runtime.loop.guards import limits_of
 
 # Any order of events
 

@@ -18,7 +18,8 @@ from runtime.contracts.signals import Command, Kind, Signal, Stop
 from runtime.guard import TorqueGuard
 from runtime.ipc.words import FLAG_RESEATED, Cause, State
 from runtime.loop import device as device_module
-from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.cycle import Cycle
+from runtime.loop.guards import limits_of
 from runtime.loop.replay import perturbed, replay
 from runtime.profile import profile, wiring
 

@@ -13,7 +13,7 @@ from runtime.contracts import registry
 from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Limits, Signal
-from runtime.loop.cycle import limits_of
+from runtime.loop.guards import limits_of
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 

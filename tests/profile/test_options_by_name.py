@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from runtime.cli import main
-from runtime.loop.cycle import limits_of
+from runtime.loop.guards import limits_of
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 

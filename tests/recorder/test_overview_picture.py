@@ -14,7 +14,7 @@ import pytest
 
 from runtime.cli import main
 from runtime.contracts.rotation import Pose
-from runtime.loop.cycle import limits_of
+from runtime.loop.guards import limits_of
 from runtime.profile import profile, shelf, wiring
 from runtime.profile.overview import overview
 from runtime.recorder import frames_picture, wiring_picture
