@@ -215,9 +215,12 @@ class Process:
 
         def after_write(device: Device) -> None:
             category = self._category(loop, device)
-            frames, good = device.stop_frames(category, now()), device.frames_good_for(category, now())
+            frames = device.stop_frames(category, now())
+            if frames is None:
+                return  # those before stay in force
+            good = device.frames_good_for(category, now())
             until = 0 if math.isinf(good) else time.monotonic_ns() + round(good * 1e9)
-            if frames is not None and not slots.write(numbers[device], frames, until):
+            if not slots.write(numbers[device], frames, until):
                 name, size = device.driver.name, sum(map(len, frames))
                 self.report(f"'{name}' has stop frames of {size} bytes, too long for the supervisor", Level.WARNING)
 
