@@ -40,7 +40,7 @@ _ORIGINS = {None: Origin.BUS} | {role: Origin[role.upper()] for role in ROLES}  
 _TOLD = 1_000_000_000  # ns between requests beyond a role that are passed on, so that the rows hold them
 _KINDS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
 _REQUEST, _KIND, _RESULT, _STATE = CYCLE.request, CYCLE.request_kind, CYCLE.request_result, CYCLE.state
-_CAUSE, _CULPRIT, _LATCHES, _ORIGIN = CYCLE.cause, CYCLE.culprit, CYCLE.latches, CYCLE.request_origin
+_ORIGIN = CYCLE.request_origin
 
 
 @dataclass(slots=True)
@@ -85,7 +85,7 @@ class Requests:
         self._newest: dict[int, tuple[int, Array]] = {}  # setpoints to send next, by index: expiry, values
         self._asked: list[Asked] = []
         self._keys_of = [keys, *(Keys(keys.instance, role) for role in ROLES)]
-        self._by_key = {k.setpoint(s["name"]): (k, i) for k in self._keys_of for i, s in enumerate(self._setpoints)}
+        self._by_key = {k.setpoint(s["name"]): i for k in self._keys_of for i, s in enumerate(self._setpoints)}
         self._told: dict[Origin, int] = {}  # CLOCK_MONOTONIC ns
         owners = [s["name"].partition(".")[0] for s in self._setpoints]
         self._frames = [layout.device(layout.devices.index(owner)).start + DEVICE.frames for owner in owners]
@@ -118,7 +118,7 @@ class Requests:
 
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
         """The functions that take samples, by key."""
-        return {keys.setpoints: self._put_setpoint for keys in self._keys_of if keys.role != "observer"}
+        return {keys.setpoints: partial(self._put_setpoint, keys) for keys in self._keys_of if keys.role != "observer"}
 
     def strangers(self) -> dict[str, Callable[[zenoh.Query], None]]:
         """The functions that answer queries for names that aren't there, by the expression of all keys of the kind.
@@ -217,12 +217,12 @@ class Requests:
         else:
             self._asked.append(Asked(query, key, index, values, time.monotonic_ns() + PATIENCE))
 
-    def _put_setpoint(self, sample: zenoh.Sample) -> None:
+    def _put_setpoint(self, keys: Keys, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         try:
             if key not in self._by_key:
-                raise self._no_such(self._keys, "setpoint", [s["name"] for s in self._setpoints], key)
-            self._setpoint(sample.payload.to_bytes(), str(sample.encoding), self._by_key[key][1], key)
+                raise self._no_such(keys, "setpoint", [s["name"] for s in self._setpoints], key)
+            self._setpoint(sample.payload.to_bytes(), str(sample.encoding), self._by_key[key], key)
         except RequestError as error:
             self._reject(error)
 

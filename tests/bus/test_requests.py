@@ -122,6 +122,13 @@ def test_the_newest_setpoint_goes_out_once_a_cycle(desk: Desk) -> None:
     assert [r.values.tolist() for r in desk.sent.take()] == [[7, 0, 0]]
 
 
+@pytest.mark.parametrize("role", [None, "operator", "engineer"])
+def test_a_setpoint_that_isnt_there_is_named_as_its_sender_named_it(desk: Desk, role: str | None) -> None:
+    keys = Keys("sixth-finger", role)
+    desk.requests.subscribers()[keys.setpoints](Query(keys.setpoint("client.torque"), b"[1, 2, 3]"))  # type: ignore[arg-type]
+    assert "there is no setpoint 'client.torque'" in desk.counts.last_rejection
+
+
 def test_a_setpoint_is_answered_once_the_loops_rows_hold_it(desk: Desk) -> None:
     query = desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
     client = desk.row.devices[desk.layout.devices.index("client")]
