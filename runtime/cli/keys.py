@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from runtime.cli import add_command
-from runtime.contracts.errors import RequestError
+from runtime.contracts.errors import HostError, RequestError
 from runtime.profile.keys import ROLES
 
 _DAYS = range(1, 3651)
@@ -34,7 +34,10 @@ def run(args: argparse.Namespace) -> int:
     if args.days not in _DAYS:
         raise RequestError("--days", f"{args.days} isn't from 1 to {_DAYS[-1]}", "Give the number of days")
     folder: Path = args.folder.expanduser().absolute()
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise HostError(str(folder), f"it can't be made: {error.strerror}", "Name a folder you may write") from None
     made = authority(folder)
     sign(folder, args.name, args.host, args.days)
     if made:

@@ -212,5 +212,6 @@ def test_the_command_makes_the_files_once(tmp_path: Path, capsys: pytest.Capture
     assert (folder / "anna.key").read_bytes() == before
     assert "one of them" in refused("keys", str(folder), "otto")
     assert "no name" in refused("keys", str(folder), "../otto", "--role", "observer")
+    assert "folder you may write" in refused("keys", str(folder / "ca.pem" / "x"), "otto", "--role", "observer")
     (folder / "ca.key").unlink()
     assert "Put it back" in refused("keys", str(folder), "otto", "--role", "observer")
