@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
@@ -17,7 +18,7 @@ from runtime.contracts.errors import HostError
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.run_folder import RunFolder
 from runtime.panel.access import HOST, Access
-from runtime.panel.peer import BadMessageError, Peer
+from runtime.panel.peer import BadMessageError, Peer, number
 
 PAGE: Final = Path(__file__).parent / "page"
 POLL: Final = 0.004  # s between looks for new rows
@@ -53,15 +54,15 @@ class PageServer(ABC):
     def joined(self, peer: Peer) -> None:
         """A page is there; it isn't among the peers yet."""
 
-    @abstractmethod
     def heard(self, peer: Peer, message: dict[str, Any]) -> None:
-        """A page said something. Raises BadMessageError."""
+        """A page said something: what every page says; each kind of page adds its own. Raises BadMessageError."""
+        if message.get("kind") != "ping":
+            raise BadMessageError("unknown kind")
+        peer.tell({"kind": "pong", "at": number(message, "at"), "now": time.monotonic() * 1e3})
 
-    @abstractmethod
     def left(self, peer: Peer) -> None:
         """A page is gone."""
 
-    @abstractmethod
     def stopped(self) -> None:
         """A stop was asked for on a page; it is on its way."""
 

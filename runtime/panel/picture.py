@@ -14,7 +14,7 @@ from runtime.ipc.rows import Rows
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import State
 from runtime.panel.pages import KEEP, PageServer
-from runtime.panel.peer import BadMessageError, Peer, number
+from runtime.panel.peer import Peer
 from runtime.profile.plots import Plot, joint_plots, profile_plots
 from runtime.recording.shapes import PALETTE, RAMP, colors, distance_colors
 from runtime.recording.solids import Solids
@@ -61,17 +61,6 @@ class PictureServer(PageServer):
 
     def joined(self, peer: Peer) -> None:
         peer.tell(self._scene())
-
-    def heard(self, peer: Peer, message: dict[str, Any]) -> None:
-        if message.get("kind") != "ping":
-            raise BadMessageError("unknown kind")
-        peer.tell({"kind": "pong", "at": number(message, "at"), "now": time.monotonic() * 1e3})
-
-    def left(self, peer: Peer) -> None:
-        pass
-
-    def stopped(self) -> None:
-        pass
 
     def look(self) -> None:
         now = time.monotonic()

@@ -40,8 +40,6 @@ class Server(PageServer):
     def heard(self, peer: Peer, message: dict[str, Any]) -> None:
         now = time.monotonic()
         match message.get("kind"):
-            case "ping":
-                peer.tell({"kind": "pong", "at": number(message, "at"), "now": now * 1e3})
             case "begin":
                 if peer.participant and (why := self.session.begin(now)):
                     peer.tell({"kind": "notice", "words": why})
@@ -54,7 +52,7 @@ class Server(PageServer):
                 if peer.participant and self.session.began:
                     self.session.abort("the page was hidden", now)
             case _:
-                raise BadMessageError("unknown kind")
+                super().heard(peer, message)
 
     def left(self, peer: Peer) -> None:
         if peer.participant and self.session.began:

@@ -19,7 +19,7 @@ from runtime.contracts.errors import SrlError
 from runtime.ipc.rows import Condition, Rows
 from runtime.ipc.run_folder import RunFolder
 from runtime.panel.pages import KEEP, PageServer
-from runtime.panel.peer import BadMessageError, Peer, number
+from runtime.panel.peer import Peer
 from runtime.viewing.assets import Assets, extract
 from runtime.viewing.mark import Mark
 
@@ -93,20 +93,11 @@ class ViewerServer(PageServer):
 
     def heard(self, peer: Peer, message: dict[str, Any]) -> None:
         assert isinstance(peer, Watcher)
-        match message.get("kind"):
-            case "ping":
-                peer.tell({"kind": "pong", "at": number(message, "at"), "now": time.monotonic() * 1e3})
-            case "drawn":
-                peer.draws = False
-                peer.wake()
-            case _:
-                raise BadMessageError("unknown kind")
-
-    def left(self, peer: Peer) -> None:
-        """Nothing depends on a page."""
-
-    def stopped(self) -> None:
-        """The rows tell it."""
+        if message.get("kind") == "drawn":
+            peer.draws = False
+            peer.wake()
+        else:
+            super().heard(peer, message)
 
     def look(self) -> None:
         if (now := time.monotonic()) < self._due:
