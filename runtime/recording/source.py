@@ -73,15 +73,7 @@ class Source:
         last = 0
         with ExitStack() as stack:
             for file, held in self._held(stack):
-                self._assembler = None
-                for path, batch in self._chunks(file, held):
-                    self._take(file, path, batch)
-                    for sequence, rows in self._made(_MUCH):
-                        new = sequence > last
-                        if new.any():
-                            last = int(sequence[-1])
-                            yield sequence[new], rows[new]
-                for sequence, rows in self._made(0):
+                for sequence, rows in self._read(file, held):
                     new = sequence > last
                     if new.any():
                         last = int(sequence[-1])
@@ -94,6 +86,14 @@ class Source:
             if self.text:
                 break
         return self.text
+
+    def _read(self, file: Path, held: Path) -> Iterator[tuple[Words, Words]]:
+        """Yields the rows of a file as they are in it, also those that an earlier file had."""
+        self._assembler = None
+        for path, batch in self._chunks(file, held):
+            self._take(file, path, batch)
+            yield from self._made(_MUCH)
+        yield from self._made(0)
 
     def _made(self, most: int) -> list[tuple[Words, Words]]:
         """The rows read since the last call; those of columns once there are more than `most` bytes."""
