@@ -1,4 +1,4 @@
-"""The processes beside the loop, the bus and the recorder: they are started again when they die."""
+"""The processes beside the loop, bus, recorder and viewer: they are started again when they die."""
 
 from __future__ import annotations
 
@@ -14,14 +14,21 @@ from runtime.ipc.run_folder import RunFolder
 
 BACKOFF = (0.0, 0.0, 0.2, 1.0, 5.0)  # s before the first, second, ... restart within a minute
 ATTEMPTS = 3  # to finish a recording
+FINISH = 120.0  # s that the recorder may take to finish its file
+CLOSING = 10.0  # s that the bus may take to close its session, and the viewer to end: nothing is lost with them
 
 
 @dataclass
 class Helper:
-    """A telemetry process that is started again when it dies."""
+    """A telemetry process that is started again when it dies.
+
+    Attributes:
+        keeps: whether what it hasn't finished would be lost.
+    """
 
     name: str
     command: list[str]
+    keeps: bool = False
     process: subprocess.Popen[bytes] | None = None
     restarts: int = 0
     deaths: list[float] = field(default_factory=list)
@@ -53,17 +60,17 @@ class Helper:
         self.restarts += 1
         self.not_before = now + BACKOFF[min(len(self.deaths), len(BACKOFF) - 1)]
 
-    def finish(self, run_folder: RunFolder, deadline: float) -> bool:
-        """Waits until it ends by itself. A recorder that died at the very end is restarted to save its rows.
+    def finish(self, run_folder: RunFolder, begun: float) -> bool:
+        """Waits until it ends by itself. One that `keeps` and died at the very end is restarted to save its rows.
 
         Args:
-            deadline: CLOCK_MONOTONIC s; then it is told to end.
+            begun: when all helpers began to finish, CLOCK_MONOTONIC s. FINISH or CLOSING later it is told to end.
         Returns:
             Whether it has finished its work.
         """
-        attempts = ATTEMPTS
+        attempts, deadline = ATTEMPTS, begun + (FINISH if self.keeps else CLOSING)
         while time.monotonic() < deadline and attempts:
-            if self.process is None and self.name != "recorder":
+            if self.process is None and not self.keeps:
                 return True
             if self.process is None:
                 attempts -= 1
@@ -73,7 +80,7 @@ class Helper:
                     time.sleep(0.1)
                     continue
             code = self.ended()
-            if code == 0 or (code is not None and self.name != "recorder"):  # nothing is lost with another
+            if code == 0 or (code is not None and not self.keeps):
                 return True
             if code is not None:
                 self.process = None
@@ -109,7 +116,7 @@ def helpers(run_folder: RunFolder, bus: bool, record: Path | None, view: bool) -
         found.append(Helper("bus", [sys.executable, "-m", "runtime.bus", str(run_folder.path)]))
     if record is not None:
         command = [sys.executable, "-m", "runtime.recorder", str(run_folder.path), "--out", str(record)]
-        found.append(Helper("recorder", command))
+        found.append(Helper("recorder", command, keeps=True))
     if view:
         found.append(Helper("viewer", [sys.executable, "-m", "runtime.viewing", str(run_folder.path)]))
     return found

@@ -43,8 +43,6 @@ from runtime.service.helpers import Helper, spawn
 POLL = 0.005  # s between two checks of the loop's sign of life
 HUNG = 100_000_000  # ns without a sign of life, plus two periods, after which the loop counts as hung
 HUNG_UNPACED = 10_000_000_000  # ns, the same for an unpaced simulation
-FINISH = 120.0  # s that the recorder may take to finish its file
-CLOSING = 10.0  # s that the bus may take to close its session, and the viewer to end: nothing is lost with them
 LET_GO = 5_000_000_000  # ns that the loop's process may take to release its devices after its last row
 OPENING = 10.0  # s after a request to end, during which devices may still be opening; then the loop is killed
 REAP = 2.0  # s that a killed process may take to go; one that writes to a stuck device takes longer
@@ -334,8 +332,7 @@ class Supervisor:
         failed = []
         if self.rows is not None:
             now = time.monotonic()
-            deadlines = {h.name: now + (FINISH if h.name == "recorder" else CLOSING) for h in self.helpers}
-            failed = [h.name for h in self.helpers if not h.finish(self.run_folder, deadlines[h.name])]
+            failed = [h.name for h in self.helpers if not h.finish(self.run_folder, now)]
         self._actuators.close()
         self._dying.close()
         self._free_spare()

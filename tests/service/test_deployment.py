@@ -28,6 +28,7 @@ from runtime.ipc.words import State
 from runtime.loop import realtime
 from runtime.recording.reader import read
 from runtime.service import supervisor
+from runtime.service.helpers import FINISH
 
 DEPLOY = ROOT / "deploy"
 UNIT = DEPLOY / "srl@.service"
@@ -101,7 +102,7 @@ def test_the_unit_agrees_with_the_code() -> None:
     assert not values("PrivateDevices")  # would hide the ports
     assert not values("PrivateNetwork")  # `srl stop` is answered at an abstract socket of the host's
     assert seconds("WatchdogSec") * 1e9 > 2 * supervisor.HUNG  # the supervisor stops the actuators first
-    assert seconds("TimeoutStopSec") > supervisor.FINISH
+    assert seconds("TimeoutStopSec") > FINISH
     assert values("Environment")[-1] == "SRL_RUNTIME_DIR=/run/srl"
     assert values("RuntimeDirectory") == ["srl/%i"]
     # The mark of a crash must outlive the unit, or the next start isn't into the stop.
