@@ -79,7 +79,7 @@ class Drive(RowSource):
             raise
 
     @property
-    def interrupted(self) -> bool:  # type: ignore[override]
+    def interrupted(self) -> bool:
         return self._session.interrupted
 
     def take(self) -> Rows:

@@ -41,13 +41,17 @@ class RowSource(ABC):
         folder: of its instance, where it is a run.
         screen: its own, where a terminal's keys move something; None: it has none.
         moves: whether somebody's presses move something meanwhile.
-        interrupted: whether a signal ended it.
     """
 
     taps: RunTaps
     folder: RunFolder
     screen: Screen | None = None
-    moves = interrupted = False
+    moves = False
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal ended it."""
+        return False
 
     @abstractmethod
     def take(self) -> Rows:

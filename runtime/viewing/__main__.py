@@ -11,10 +11,14 @@ import asyncio
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from runtime.contracts.errors import SrlError
 from runtime.ipc.child import Ending
 from runtime.ipc.run_folder import RunFolder
+
+if TYPE_CHECKING:  # it imports rerun, which takes long
+    from runtime.viewing.feed import Feed
 
 
 def main() -> int:
@@ -51,7 +55,7 @@ async def _show(run: RunFolder, ending: Ending) -> None:
         await server.last()
 
 
-def _feed(run: RunFolder, ending: Ending):  # type: ignore[no-untyped-def]
+def _feed(run: RunFolder, ending: Ending) -> Feed:
     from runtime.viewing.feed import Feed
 
     return Feed(run, ending)
