@@ -37,6 +37,7 @@ from runtime.ipc.words import (
     State,
 )
 from runtime.loop.backends import Backends
+from runtime.loop.departures import Departures
 from runtime.loop.guards import make_guards
 from runtime.loop.lookout import Lookout
 from runtime.loop.machine import Fault, Ladder, Machine
@@ -45,7 +46,6 @@ from runtime.loop.sights import Sights
 from runtime.profile.graph import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
-STALL = 0.25  # s of beginning anew at what was sent, after which it is reported
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
@@ -90,12 +90,7 @@ class Cycle:
         self._backends = Backends(graph, self.guards, backend)
         self._ints = graph.row.ints
         self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
-        self._commands = graph.row.devices[:, DEVICE.commands]
-        self._counts = self._commands.tolist()  # commands sent to each device until the cycle before
-        # Of a device with several commands the count doesn't tell which left: there, one that is new has.
-        self._alone = [len(graph.actuators_of(a.device)) == 1 for a in graph.actuators]
-        self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
-        self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
+        self._departures = Departures(graph, self.guards, report)
         self._lookouts = [Lookout(graph, a, report) for a in graph.actuators]
         self._max_age = self._ages()
         self._sights = Sights(graph.sights)
@@ -252,7 +247,7 @@ class Cycle:
         """Lets the guards see what was sent, then runs the controllers while the limb is active."""
         for index, array in self.graph.reads:
             self.graph.row.floats.take(index, 0, array, "clip")
-        self._reseat()
+        self._departures.tell(self._ints.item(_DT) * 1e-9)
         state, self._ran = self.machine.state, False
         if state is not State.ACTIVE:
             return
@@ -282,29 +277,6 @@ class Cycle:
                 self.machine.stop(Fault(Cause.CONTACT, i))
                 return
         self._ran = True
-
-    def _reseat(self) -> None:
-        dt, counts = self._ints.item(_DT) * 1e-9, self._commands.tolist()
-        for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
-            left = counts[actuator.device] != self._counts[actuator.device]
-            if not self._alone[i]:
-                sent = actuator.sent.tobytes()
-                left, self._sent[i] = left and sent != self._sent[i], sent
-            if self._links.item(actuator.device) & LINK_ACTIVE:
-                guard.reseat(left, dt)
-                self._tell_stall(i, guard.reseated, dt)
-        self._counts = counts
-
-    def _tell_stall(self, i: int, reseated: bool, dt: float) -> None:
-        """Reports a device that has taken no commands, or limited them all, for a while; and its end."""
-        before = self._stalls[i]
-        self._stalls[i] = before + dt if reseated else 0.0
-        if before <= STALL < self._stalls[i]:
-            self.report(
-                f"'{self.graph.actuators[i].name}' isn't sent as applied: the limb waits where it was sent last"
-            )
-        elif before > STALL and not reseated:
-            self.report(f"'{self.graph.actuators[i].name}' is sent as applied again")
 
     def guard(self) -> None:
         """Bounds every command or carries out the stop, then updates the state."""
