@@ -1,8 +1,9 @@
 """The newest stop frames of each actuator. The loop stores them where the supervisor finds them after its death.
 
 A slot has two buffers. The loop fills the idle one and then marks it as valid, so a death in between leaves the
-older frames whole. Slot: int64 valid (0: none, 1 or 2), int64 ns of CLOCK_MONOTONIC until which they may be written (0:
-always), then twice (int64 length, `FRAMES` bytes). In these each frame has its length in front, two bytes.
+older frames whole, and until when they may be written. Slot: int64 valid (0: none, 1 or 2), then twice (int64 ns of
+CLOCK_MONOTONIC until which they may be written, 0: always; int64 length; `FRAMES` bytes). In these each frame has its
+length in front, two bytes.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from runtime.ipc import private_file
 SLOTS = 64  # devices with commands; fixed, so that the supervisor can make and map the file before the loop starts
 FRAMES = 2040  # bytes of all frames of a slot with their lengths; every buffer begins at a multiple of 8
 _LENGTH = 2
-_BUFFER = 8 + FRAMES
-_SLOT = 16 + 2 * _BUFFER
+_HEAD = 16
+_BUFFER = _HEAD + FRAMES
+_SLOT = 8 + 2 * _BUFFER
 
 
 class StopSlots:
@@ -44,6 +46,7 @@ class StopSlots:
         finally:
             os.close(descriptor)
         self._newest: list[tuple[bytes, ...] | None] = [None] * SLOTS
+        self._number = [0] * SLOTS  # the buffer that holds the newest; 0: they were too long
 
     @classmethod
     def create(cls, path: Path) -> StopSlots:
@@ -64,21 +67,23 @@ class StopSlots:
             until: ns of CLOCK_MONOTONIC, after which they must not be written any more; 0: always.
 
         Returns:
-            False if they are too long: those before stay in force.
+            False if they are too long, once for each object: those before stay in force, for as long as they were.
         """
-        at = slot * _SLOT + 8
-        self._map[at : at + 8] = until.to_bytes(8, "little")
+        limit = until.to_bytes(8, "little")
         if frames is self._newest[slot]:
+            if number := self._number[slot]:
+                at = self._buffer(slot, number)
+                self._map[at : at + 8] = limit
             return True
         self._newest[slot] = frames
         packed = b"".join(len(frame).to_bytes(_LENGTH, "little") + frame for frame in frames)
         if len(packed) > FRAMES:  # half of them would be worse than those before
+            self._number[slot] = 0
             return False
-        start = slot * _SLOT
-        other = 2 if self._map[start] == 1 else 1
-        at = start + 16 + (other - 1) * _BUFFER
-        self._map[at : at + 8 + len(packed)] = len(packed).to_bytes(8, "little") + packed
-        self._map[start] = other
+        other = 2 if self._map[slot * _SLOT] == 1 else 1
+        at = self._buffer(slot, other)
+        self._map[at : at + _HEAD + len(packed)] = limit + len(packed).to_bytes(8, "little") + packed
+        self._map[slot * _SLOT] = self._number[slot] = other
         return True
 
     def clear(self, slot: int) -> None:
@@ -88,20 +93,27 @@ class StopSlots:
 
     def read(self, slot: int) -> list[bytes]:
         """Returns the newest whole frames; empty if there are none."""
-        start = slot * _SLOT
-        valid = self._map[start]
+        valid = self._map[slot * _SLOT]
         if valid not in (1, 2):
             return []
-        at = start + 16 + (valid - 1) * _BUFFER
-        length = int.from_bytes(self._map[at : at + 8], "little")
+        at = self._buffer(slot, valid)
+        length = int.from_bytes(self._map[at + 8 : at + _HEAD], "little")
         if length > FRAMES:  # damaged
             return []
-        return _frames(self._map[at + 8 : at + 8 + length])
+        return _frames(self._map[at + _HEAD : at + _HEAD + length])
 
     def until(self, slot: int) -> int:
-        """Returns the ns of CLOCK_MONOTONIC until which the frames may be written; 0: always."""
-        at = slot * _SLOT + 8
+        """Returns the ns of CLOCK_MONOTONIC until which the frames may be written; 0: always, or there are none."""
+        valid = self._map[slot * _SLOT]
+        if valid not in (1, 2):
+            return 0
+        at = self._buffer(slot, valid)
         return int.from_bytes(self._map[at : at + 8], "little")
+
+    @staticmethod
+    def _buffer(slot: int, number: int) -> int:
+        """Where buffer 1 or 2 of a slot begins."""
+        return slot * _SLOT + 8 + (number - 1) * _BUFFER
 
     def close(self) -> None:
         """Unmaps the file."""
