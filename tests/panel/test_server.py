@@ -23,8 +23,9 @@ from helpers.wait import until
 
 from runtime.contracts.errors import HostError, RecordingError
 from runtime.ipc.words import State
-from runtime.panel.pages import listen
+from runtime.panel.pages import PAGE, listen
 from runtime.panel.peer import LONGEST
+from runtime.panel.picture import PictureServer
 from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
 
@@ -335,3 +336,7 @@ def test_a_taken_port_and_a_missing_signal_are_said(loop: MadeUpLoop) -> None:
         Screen(loop.folder, SIGNAL, port=taken.getsockname()[1])
     with pytest.raises(RecordingError, match=r"law\.c"):
         Screen(loop.folder, "law.nothing")
+
+
+def test_the_operators_page_is_as_short_as_its_pages_say() -> None:
+    assert sum((PAGE / name).stat().st_size for name, _ in PictureServer.files.values()) < 60_000
