@@ -145,7 +145,7 @@ class EmgMethod(Method[Taps, Result]):
 
     def _is_ours(self, taps: Taps, place: str) -> None:
         """Raises RequestError: it is of other muscles, or of other slots, than the profile's."""
-        ours = dict(_asked(self.checked.devices[self._device].options).get("channels") or {})
+        ours = _slots(self.checked.devices[self._device].options)
         theirs = _channels(taps.layout, self._device)
         if tuple(taps.options.muscles) != tuple(ours) or theirs != ours:
             said = " and ".join(", ".join(f"{k}: {v}" for k, v in each.items()) for each in (theirs, ours))
@@ -172,7 +172,7 @@ class EmgMethod(Method[Taps, Result]):
         return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
-        muscles = tuple(_asked(self.checked.devices[self._device].options).get("channels") or {})
+        muscles = tuple(_slots(self.checked.devices[self._device].options))
         level = None
         if before:
             filters = self._plan.filters()
@@ -211,6 +211,11 @@ def _asked(options: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+def _slots(options: dict[str, Any]) -> dict[str, int]:
+    """Each muscle's slot, as a device's options have it."""
+    return dict(_asked(options).get("channels") or {})
+
+
 def _rounded(volts: float) -> float:
     return float(f"{volts:.6g}")
 
@@ -219,7 +224,7 @@ def _channels(layout: Layout, device: str) -> dict[str, int]:
     """The muscles' slots in a layout's own profile."""
     checked, _ = marks_law(layout, "recording", MARKS)
     entry = checked.devices.get(device)
-    return dict(_asked(entry.options).get("channels") or {}) if entry is not None else {}
+    return _slots(entry.options) if entry is not None else {}
 
 
 def _marks(
@@ -232,7 +237,7 @@ def _marks(
         problem = f"there is no '{signal}' of named muscles beside '{count}'"
         remedy = "Use the driver `trigno`, or `lsl` with a signal `samples` that has a `block`"
         raise WiringError(f"the input 'samples' of {LAW}", problem, remedy)
-    channels = dict(_asked(graph.profile.devices[device].options).get("channels") or {})
+    channels = _slots(graph.profile.devices[device].options)
     return {
         "use": MARKS, "name": MARKS, "person": person, "signal": signal, "count": count, "channels": channels,
         "muscles": list(field.components[0]), "plan": plan.model_dump(), "thresholds": thresholds.model_dump(),

@@ -14,7 +14,6 @@ import struct
 import zlib
 from collections.abc import Mapping
 from enum import IntEnum
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,7 @@ MOST = 1 << 14  # rows in a block: what a reader holds at once
 VERSION = 1
 _HEAD = struct.Struct("<4sHxxIII")
 _MAGIC = b"SRLB"
+_CONFIG = ChunkConfig()
 
 
 class _Kind(IntEnum):
@@ -180,10 +180,5 @@ def _mark(column: Words) -> tuple[int, ...]:
 
 
 def _coded(column: NDArray[np.int64] | NDArray[np.float64]) -> bytes:
-    data: bytes = standalone.simple_compress(np.ascontiguousarray(column), _config())
+    data: bytes = standalone.simple_compress(np.ascontiguousarray(column), _CONFIG)
     return data
-
-
-@lru_cache(1)
-def _config() -> ChunkConfig:
-    return ChunkConfig()
