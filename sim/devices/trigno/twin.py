@@ -98,9 +98,12 @@ class TrignoTwin(SocketTwin):
             self._settings[name] = value
             return b"OK"
         if text == "START":
-            # The count of samples begins with the next frame.
+            # A client may have connected, and sent START, since this cycle looked for new ones.
+            for door in (self.emg, self.legacy):
+                door.accept()
             if not (self.emg.clients or self.legacy.clients):
                 return b"CANNOT COMPLETE"
+            # The count of samples begins with the next frame.
             self.running, self._sent = True, self.station.newest()
             return b"OK"
         if text == "STOP":

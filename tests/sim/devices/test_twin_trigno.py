@@ -17,6 +17,7 @@ from drivers.trigno import Trigno, TrignoConfig
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import RATE, Answers, Samples, command, encode
 from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.shared.sockets import Client
 from sim.devices.trigno.fake import FakeTrigno, FakeTrignoConfig
 from sim.devices.trigno.twin import TrignoTwin
 
@@ -193,6 +194,30 @@ def test_a_server_that_was_told_to_stop_is_started_anew(pair: Pair) -> None:
     pair.opened()
     pair.cycles(5)
     assert pair.driver.health.reconnects == 1
+
+
+def test_a_client_of_the_emg_port_that_came_within_the_cycle_of_start_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = Pair()
+    twin, door = pair.twin, pair.twin.legacy
+    looked, links = door.accept, list[socket.socket]()
+
+    def connect_then_start() -> list[Client]:
+        """The twin has looked for clients of the EMG port; now one connects, and then sends START."""
+        if len(links) == 1:
+            links.append(socket.create_connection(("127.0.0.1", twin.emg.port), 2))
+            links[0].sendall(b"START\r\n\r\n")
+        return looked()
+
+    monkeypatch.setattr(door, "accept", connect_then_start)
+    links.append(socket.create_connection(("127.0.0.1", twin.control.port), 2))
+    try:
+        until(lambda: "START" in twin.commands, pair.step)
+        assert len(links) == 2
+        assert twin.running
+    finally:
+        for link in links:
+            link.close()
+        twin.close()
 
 
 def test_a_stream_out_of_step_is_given_up(pair: Pair) -> None:
