@@ -11,18 +11,19 @@ import numpy as np
 
 from drivers.canbus import CanLink, frame_bits, open_can, shared_bus
 from drivers.mit_can import declare, protocol
+from drivers.mit_can.axes import Axes
 from drivers.mit_can.config import MitCanConfig
 from drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
 from drivers.mit_can.doubt import Doubts
 from drivers.mit_can.faults import MitFaults, warnings
 from drivers.mit_can.line import Line, command_ids
-from drivers.mit_can.opening import Opening, same_place
+from drivers.mit_can.opening import Opening, same_place, stoppable
 from drivers.mit_can.plausible import Plausible
 from drivers.mit_can.protocol import Impedance, State
 from drivers.mit_can.replies import Replies
 from runtime.contracts.driver import Driver, Traffic
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Kind, Stop
+from runtime.contracts.signals import Kind, Stop
 
 UNANSWERED: Final = 3  # frames without a reply, and
 SILENT: Final = 10_000_000  # ns without one, after which a motor is silent
@@ -64,14 +65,12 @@ class MitCan(Driver):
         self.commands = (declare.command(config),)
         self._name = self.commands[0].name
         self._place = f"{name} ({config.port})"
-        size = frame_bits(8, self._v3)
-        bits = 2.0 * size * len(motors)
+        bits = 2.0 * frame_bits(8, self._v3) * len(motors)
         self.traffic = Traffic(shared_bus(config.port), config.bitrate, bits, 0.0, *declare.identifiers(config))
         if all(motor.home is not None for motor in motors):
             self.home[self._name] = np.array([motor.home for motor in motors])
-        self._scale = [motor.scale for motor in motors]
-        self._spans = [motor.span(config.generation) for motor in motors]
-        self.limits[self._name] = declare.limits(config, self._spans)
+        self._axes = Axes(config, [motor.span(config.generation) for motor in motors], [0.0] * len(motors))
+        self.limits[self._name] = declare.limits(config, self._axes.spans)
         self._faults = MitFaults(config.motors)
         self._replies = Replies(config, command_ids(config))
         self._line: Line | None = None
@@ -80,7 +79,6 @@ class MitCan(Driver):
 
     def _forget(self) -> None:
         n = len(self.config.motors)
-        self._offset = [0.0] * n
         self._wire: list[float] = [0.0] * n  # the newest position, as the drive says it
         self._heard = [-1] * n  # ns, of the newest reply
         self._on = [False] * n  # a Damiao: it said so
@@ -109,32 +107,25 @@ class MitCan(Driver):
         self.close()
         link = self.connect()
         try:
-            if not self._damiao and link.stop_fileno() is None and link.interface != "virtual":
-                raise DeviceError(
-                    self._place,
-                    f"no other program can stop these motors over {link.interface} if this one dies, and a CubeMars "
-                    "isn't known to stop by itself",
-                    "Use an adapter of SocketCAN or slcan",
-                )
+            stoppable(link, self.config, self._place)
             found = Opening(link, self.config, self._place, self.patience).find()
             if self.health.was_open:
-                stood = [wire + offset for wire, offset in zip(self._wire, self._offset, strict=True)]
+                stood = [wire + offset for wire, offset in zip(self._wire, self._axes.offset, strict=True)]
                 same_place(found, stood, self.config, self._place)
         except BaseException:
             link.close()
             raise
         self._forget()
-        self._spans = self._replies.spans = found.spans
-        self._offset = found.offset
-        self.limits = {self._name: declare.limits(self.config, self._spans)}
+        axes = self._axes = Axes(self.config, found.spans, found.offset)
+        self._replies.spans = found.spans
+        self.limits = {self._name: declare.limits(self.config, found.spans)}
         self._faults.clear()
-        motors = self.config.motors.values()
-        self._damp = [self._encode(i, Impedance(kd=motor.damping)) for i, motor in enumerate(motors)]
-        self._slack = [self._encode(i, Impedance()) for i in range(len(self._spans))]
+        self._damp = [axes.encode(i, Impedance(kd=motor.damping)) for i, motor in enumerate(self._motors)]
+        self._slack = [axes.encode(i, Impedance()) for i in range(len(self._motors))]
         self._held = list(self._damp)
         for i, state in enumerate(found.states):
             self._wire[i] = state.position
-            self._fill(i, state)
+            axes.fill(self.state_arrays, i, state)
             self._judge(i, state, -1)
         if not self._damiao:
             self._on = [True] * len(self._on)
@@ -185,7 +176,7 @@ class MitCan(Driver):
                     complete &= self._complete and faults.concerns(i)  # the others go on without it
                     continue
                 if finite[i]:
-                    self._last[i] = self._encode(i, self._wanted(i, value, dt, now))
+                    self._last[i] = self._axes.encode(i, self._wanted(i, value, dt, now))
                 if self._doubtful(line, i, now):
                     line.send(i, self._damp[i], now)
                     complete = False
@@ -197,7 +188,7 @@ class MitCan(Driver):
         self._wrote, self._moved = now, True
         if complete:
             self._complete = True
-            self.sent_arrays[self._name][:] = self._bounded(command)
+            self.sent_arrays[self._name][:] = self._axes.within(command)
 
     def stop(self, category: Stop) -> None:
         """See `Driver.stop`. DAMP: damping alone, again in each call. LIMP: no torque; a Damiao is disabled, too."""
@@ -285,41 +276,25 @@ class MitCan(Driver):
 
     def _wanted(self, i: int, value: float, dt: float, now: int) -> Impedance:
         """The drive's command for a value of the axis."""
-        motor, scale = self._motors[i], self._scale[i]
+        motor, axes = self._motors[i], self._axes
         if self._kind is Kind.VELOCITY:
-            return Impedance(velocity=value / scale, kd=motor.kd)
+            return Impedance(velocity=value / axes.scale[i], kd=motor.kd)
         if self._kind is Kind.TORQUE:
-            return Impedance(kd=motor.kd, torque=value * scale)
-        value = self._clear(i, value)
-        shaft = value / scale + motor.zero - self._offset[i]
-        speed = (value - self._before[i]) / dt / scale if 0 < dt < PERIOD * 5 and self._last[i] else 0.0
+            return Impedance(kd=motor.kd, torque=value * axes.scale[i])
+        shaft = axes.shaft(i, value := axes.clear(i, value))
+        speed = (value - self._before[i]) / dt / axes.scale[i] if 0 < dt < PERIOD * 5 and self._last[i] else 0.0
         self._before[i] = value
         ramp = self.config.ramp * 1e9
         share = min(1.0, (now - self._since[i]) / ramp) if ramp > 0 else 1.0
-        self._held[i] = self._encode(i, Impedance(shaft, 0.0, motor.kp * share, motor.kd))
+        self._held[i] = axes.encode(i, Impedance(shaft, 0.0, motor.kp * share, motor.kd))
         return Impedance(shaft, speed, motor.kp * share, motor.kd)
-
-    def _clear(self, i: int, value: float) -> float:
-        """A position within its joint's travel, whatever the guard was told."""
-        motor = self._motors[i]
-        assert motor.lower is not None
-        assert motor.upper is not None
-        return min(max(value, motor.lower), motor.upper)
-
-    def _bounded(self, command: Array) -> Array:
-        if self._kind is Kind.POSITION:
-            return np.array([self._clear(i, value) for i, value in enumerate(command.tolist())])
-        return command
-
-    def _encode(self, i: int, wanted: Impedance) -> bytes:
-        return protocol.command(wanted, self._spans[i], self._v3)
 
     def _arm(self, line: Line, i: int, value: float, now: int) -> bool:
         """Brings a motor to the point from which it may get commands; True once it is there. Sends for it till then."""
         faults = self._faults
         if self._stage[i] == _OFF:
             away = abs(value - self.state_arrays["position"].item(i)) if self._kind is Kind.POSITION else 0.0
-            if away > self.config.start_tolerance * abs(self._scale[i]):
+            if away > self.config.start_tolerance * abs(self._axes.scale[i]):
                 faults.far[i] = away
             if faults.concerns(i):
                 self._damp_or_ask(line, i, now)
@@ -379,7 +354,7 @@ class MitCan(Driver):
         self.health.frames += 1
         self._heard[i], line.pending[i] = now, 0
         self._judge(i, reply.state, now)
-        self._fill(i, reply.state)
+        self._axes.fill(self.state_arrays, i, reply.state)
 
     def _judge(self, i: int, state: State, now: int) -> None:
         """Takes what a reply says of the motor's well-being."""
@@ -402,15 +377,6 @@ class MitCan(Driver):
         if abs(by) > JUMP + abs(state.velocity) * 0.1 and i not in faults.jumped:
             faults.jumped[i] = by
             self._disarm(i)  # its next command would drive it back by as much
-
-    def _fill(self, i: int, state: State) -> None:
-        motor, scale, span, out = self._motors[i], self._scale[i], self._spans[i], self.state_arrays
-        if not out:
-            return
-        out["position"][i] = (state.position + self._offset[i] - motor.zero) * scale
-        out["velocity"][i] = protocol.dead(state.velocity, span.velocity) * scale
-        out["effort"][i] = protocol.dead(state.torque, span.torque) / scale
-        out["temperature"][i] = state.hottest
 
     def _look(self, line: Line, now: int) -> None:
         """Who is silent, who is warm."""

@@ -335,6 +335,17 @@ class Opening:
             time.sleep(0.001)
 
 
+def stoppable(link: CanLink, config: MitCanConfig, place: str) -> None:
+    """Whether another program can stop the motors if this one dies. Raises DeviceError: it can't, nor do they."""
+    if config.maker != "damiao" and link.stop_fileno() is None and link.interface != "virtual":
+        raise DeviceError(
+            place,
+            f"no other program can stop these motors over {link.interface} if this one dies, and a CubeMars isn't "
+            "known to stop by itself",
+            "Use an adapter of SocketCAN or slcan",
+        )
+
+
 def same_place(found: Found, before: list[float], config: MitCanConfig, place: str) -> None:
     """Refuses a joint whose turn was told by its park, if this isn't where it was when it was last heard.
 

@@ -106,7 +106,7 @@ def test_hold_s_stop_frames_are_the_last_positions_at_rest_with_all_their_stiffn
         assert len(frames) == 2
         link = arm._line.link  # type: ignore[union-attr]
         for i, (motor, frame) in enumerate(zip(arm.config.motors.values(), frames, strict=True)):
-            data = protocol.command(Impedance(float(where[i]), kp=motor.kp, kd=motor.kd), arm._spans[i])
+            data = protocol.command(Impedance(float(where[i]), kp=motor.kp, kd=motor.kd), arm._axes.spans[i])
             assert link.stop_frame(can.Message(arbitration_id=motor.id, data=data, is_extended_id=False)) == frame
         arm.close()
         assert arm.fileno() is None
