@@ -5,7 +5,7 @@ import struct
 import can
 import numpy as np
 import pytest
-from helpers.can_drives import TwinRig, cell, servo
+from helpers.can_drives import TwinRig, cell, fault, floating, servo
 from pydantic import ValidationError
 
 from drivers import canbus
@@ -16,19 +16,11 @@ from runtime.contracts.signals import Stop
 NEVER = {0, 4, 5, 8}  # duty, position at full speed, set origin, MIT
 
 
-def floating(config, **axis):
-    return cell("cubemars-servo", tuple(config.axes), gravity=False, **axis)
-
-
 @pytest.fixture
 def rig():
     config = servo()
     with TwinRig(config, floating(config)) as made:
         yield made
-
-
-def fault(rig):
-    return rig.driver.health.fault
 
 
 def modes(rig):

@@ -223,3 +223,18 @@ class TwinRig:
         while (message := self.spy.recv(timeout=0)) is not None:
             found.append(message)
         return found
+
+
+def floating(config: Any, **axis: Any) -> Cell:
+    """The cell of these axes, without gravity."""
+    return cell(kind_of(config), tuple(config.axes), gravity=False, **axis)
+
+
+def of(rig: TwinRig, k: int = 0) -> Any:
+    """The twin's node of an axis, by its number."""
+    return rig.twin.nodes[k]
+
+
+def fault(rig: TwinRig) -> str:
+    """What the driver tells of its drives."""
+    return rig.driver.health.fault
