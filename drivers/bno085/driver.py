@@ -8,31 +8,28 @@ from typing import Final
 from pydantic import Field
 
 from drivers.bno085.protocol import BAUDRATE, RATE, WRAP, Parser, Record
-from drivers.bno085.reading import AngleOrder, Reading, expire
+from drivers.bno085.reading import AngleOrder, Reading
+from drivers.serial_imu import SerialImu, SerialImuConfig
 from drivers.streamtime import Lateness, StreamTime
 from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POINT, QUATERNION
 
 FIRST: Final = 1.0  # s for the first frame; a sensor that has just been switched on needs 0.1 s
-SILENT: Final = 5_000_000_000  # ns without a good frame after which the port is opened anew
 _REMEDY: Final = "Check TX and ground, its supply, and that PS0 is high and PS1 low when it is switched on (UART-RVC)"
 
 
-class Bno085Config(DeviceConfig):
+class Bno085Config(SerialImuConfig):
     """Options of the sensor."""
 
-    port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
-    frame: str = Field("imu", description="frame of the profile's tree in which it is mounted: the sensor's own axes")
     order: AngleOrder = Field(
         "ZXY", description="axes of yaw, pitch and roll: ZXY, as it measures; ZYX, as its datasheet's words say"
     )
     hold: float = Field(0.1, gt=0, le=10, description="s, for which the last orientation stands for later ones")
 
 
-class Bno085(Sensor):
+class Bno085(SerialImu[Record]):
     """A Bosch BNO085 (CEVA BNO08X) in its UART-RVC mode.
 
     States: `orientation` (4,), w x y z, of the option's frame; z of its reference is up, its yaw begins at 0 when the
@@ -50,17 +47,15 @@ class Bno085(Sensor):
     summary = "Bosch BNO085 inertial sensor: orientation and acceleration (UART-RVC, 100 Hz)"
     gives = ("orientation", "acceleration")
     max_age = 0.5
+    remedy = _REMEDY
 
     def __init__(self, name: str, config: Bno085Config) -> None:
         super().__init__(name, config)
         self._config = config
-        self._place = f"{name} ({config.port})"
         self.states = (
             Signal(name="orientation", shape=(4,), unit="1", of=config.frame, labels=QUATERNION),
             Signal(name="acceleration", shape=(3,), unit="m/s^2", frame=config.frame, labels=POINT),
         )
-        self._link: Transport | None = None
-        self._hold = round(config.hold * 1e9)
         self._gaps = self._stuck = self._restarts = 0
         self._begin()
 
@@ -87,30 +82,6 @@ class Bno085(Sensor):
         self.health.stamp = -1
         self.health.opened()
 
-    def read(self, now: int) -> None:
-        if self._link is None:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
-        try:
-            records = self._receive(self._link)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
-        if self._heard < 0 or records:
-            self._heard = now
-        for record in records:
-            self._take(record, now)
-        if self.health.stamp < 0 or now - self.health.stamp > self._hold:
-            expire(self.state_arrays)
-        if now - self._heard > SILENT:
-            self.health.lost("no frames for 5 s")
-            raise DeviceLostError(self._place, "no frames for 5 s", _REMEDY)
-
-    def close(self) -> None:
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is not None:
-            link.close()
-
     @classmethod
     def who_is_at(cls, port: str) -> str:
         """See `Driver.who_is_at`. It can't be asked, so it is heard."""
@@ -133,17 +104,8 @@ class Bno085(Sensor):
 
     # -- cycle
 
-    def _receive(self, link: Transport) -> list[Record]:
-        parser, health = self._parser, self.health
-        errors, resyncs = parser.errors, parser.resyncs
-        data = link.read()
-        records = parser.feed(data) if data else []
-        health.frames += len(records)
-        health.errors += parser.errors - errors
-        health.resyncs += parser.resyncs - resyncs
-        return records
-
     def _take(self, record: Record, now: int) -> None:
+        self.health.frames += 1
         step = (record.number - self._index) % WRAP if self._index >= 0 else 1
         self._index = record.number
         if step == 0:

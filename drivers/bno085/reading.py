@@ -67,9 +67,3 @@ class Reading:
             f"angles and acceleration disagree by {degrees(self.disagrees):.0f} degrees: "
             f"try 'order: {other}'; if that doesn't help, the sensor is broken"
         )
-
-
-def expire(states: Mapping[str, Array]) -> None:
-    """What isn't measured is no orientation."""
-    for state in states.values():
-        state.fill(np.nan)

@@ -6,9 +6,9 @@ from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
 
+from drivers.serial_imu import SerialImuConfig
 from drivers.xsens_mti import data
 from drivers.xsens_mti.protocol import EVERY
-from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import OptionError
 
 Baudrate = Literal[9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 2000000]
@@ -16,12 +16,10 @@ MESSAGE: Final = 73  # bytes of a message with all items
 LINE: Final = 0.9  # share of the line that may be used
 
 
-class XsensMtiConfig(DeviceConfig):
+class XsensMtiConfig(SerialImuConfig):
     """Options of the sensor."""
 
-    port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
     baudrate: Baudrate = Field(115200, description="bit/s that the sensor is set to; nothing here changes it")
-    frame: str = Field("imu", description="frame of the profile's tree in which it is mounted: the sensor's own axes")
     rate: int = Field(100, ge=10, le=400, description="Hz, messages it is asked for")
     device: str | None = Field(
         None,
@@ -31,7 +29,6 @@ class XsensMtiConfig(DeviceConfig):
     configure: bool = Field(
         True, description="ask for the wanted output if it sends something else; it keeps that. false: refuse it"
     )
-    hold: float = Field(0.05, gt=0, le=10, description="s, for which the last sample stands for later ones")
 
     @model_validator(mode="after")
     def _fits_line(self) -> Self:

@@ -7,19 +7,18 @@ from typing import Final
 
 from drivers.devicetime import DeviceTime
 from drivers.gravity_check import GravityCheck
+from drivers.serial_imu import SerialImu
 from drivers.streamtime import Lateness
-from drivers.transport import Transport, open_transport
+from drivers.transport import open_transport
 from drivers.xsens_mti.config import XsensMtiConfig
 from drivers.xsens_mti.data import CLIPPED, FILTER_VALID, TICK, TICK_BITS, Sample, decode
 from drivers.xsens_mti.opening import Session, begin, identify
 from drivers.xsens_mti.protocol import Id, Message, Parser, encode
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError
 from runtime.contracts.rotation import normalised
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POINT, QUATERNION
 
-SILENT: Final = 5_000_000_000  # ns without a good message after which the port is opened anew
 FROZEN: Final = 500_000_000  # ns of the very same values: a sensor that lies still flickers in its last bits
 _WRAP: Final = 1 << 16  # of the packet counter
 _OFF: Final = 0.1  # by which a quaternion's length may be off 1
@@ -27,7 +26,7 @@ _OFF: Final = 0.1  # by which a quaternion's length may be off 1
 __all__ = ["XsensMti", "XsensMtiConfig"]
 
 
-class XsensMti(Sensor):
+class XsensMti(SerialImu[Message]):
     """An Xsens MTi (Movella) with an orientation filter, by Xbus and MTData2.
 
     States: `orientation` (4,), w x y z, of the option's frame in a reference whose z is up (ENU; that of an NED or NWU
@@ -44,18 +43,17 @@ class XsensMti(Sensor):
     gives = ("orientation", "acceleration", "turn")
     max_age = 0.2
     usb = ("2639",)
+    frames = "messages"
+    remedy = "Check its cable and its supply"
 
     def __init__(self, name: str, config: XsensMtiConfig) -> None:
         super().__init__(name, config)
         self._config = config
-        self._place = f"{name} ({config.port})"
         self.states = (
             Signal(name="orientation", shape=(4,), unit="1", of=config.frame, labels=QUATERNION),
             Signal(name="acceleration", shape=(3,), unit="m/s^2", frame=config.frame, labels=POINT),
             Signal(name="turn", shape=(3,), unit="rad/s", frame=config.frame, labels=POINT),
         )
-        self._link: Transport | None = None
-        self._hold = round(config.hold * 1e9)
         self._gaps = self._restarts = self._clipped = self._invalid = 0
         self._id = ""
         self._begin()
@@ -84,30 +82,6 @@ class XsensMti(Sensor):
         self.health.stamp = -1
         self.health.opened()
 
-    def read(self, now: int) -> None:
-        if self._link is None:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
-        try:
-            messages = self._receive(self._link)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
-        if self._heard < 0 or messages:
-            self._heard = now
-        for message in messages:
-            self._take(message, now)
-        if self.health.stamp < 0 or now - self.health.stamp > self._hold:
-            self._expire()
-        if now - self._heard > SILENT:
-            self.health.lost("no messages for 5 s")
-            raise DeviceLostError(self._place, "no messages for 5 s", "Check its cable and its supply")
-
-    def close(self) -> None:
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is not None:
-            link.close()
-
     @classmethod
     def who_is_at(cls, port: str) -> str:
         """See `Driver.who_is_at`: at 115200 bit/s, as they are delivered. Measuring pauses while it is asked."""
@@ -131,15 +105,6 @@ class XsensMti(Sensor):
         }
 
     # -- cycle
-
-    def _receive(self, link: Transport) -> list[Message]:
-        parser, health = self._parser, self.health
-        errors, resyncs = parser.errors, parser.resyncs
-        data = link.read()
-        messages = parser.feed(data) if data else []
-        health.errors += parser.errors - errors
-        health.resyncs += parser.resyncs - resyncs
-        return messages
 
     def _take(self, message: Message, now: int) -> None:
         if message.id == Id.WAKEUP:
@@ -208,8 +173,3 @@ class XsensMti(Sensor):
         if values != self._values or self._fresh < 0:
             self._values, self._fresh = values, stamp
         return stamp - self._fresh > FROZEN
-
-    def _expire(self) -> None:
-        """What isn't measured is no orientation."""
-        for state in self.state_arrays.values():
-            state.fill(float("nan"))

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from drivers.bno085 import Bno085, Bno085Config
 from drivers.bno085.protocol import WRAP, Record
-from drivers.bno085.reading import MG, Reading, expire
+from drivers.bno085.reading import MG, Reading
 from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.rotation import euler_angles, matrices, normalised
 from runtime.contracts.signals import Array
@@ -42,7 +42,6 @@ class FakeBno085(Sensor, InertialFake):
         assert isinstance(config, Bno085Config)
         assert isinstance(options, FakeBno085Config)
         self._options, self._order = options, config.order
-        self._hold = round(config.hold * 1e9)
         self._reading = Reading(config.order)
         self.noise_scale = np.array([HALF] * 4 + [0.0] * 3)
         self.sampled(7, self.measure)
@@ -50,11 +49,6 @@ class FakeBno085(Sensor, InertialFake):
     def open(self) -> None:
         super().open()
         self._reading = Reading(self._order)
-
-    def read(self, now: int) -> None:
-        super().read(now)
-        if self.health.stamp < 0 or now - self.health.stamp > self._hold:
-            expire(self.state_arrays)
 
     def quantise(self, values: Array) -> Array:
         """(6,): yaw, pitch, roll, 0.01 degree; x, y, z, 0.001 g."""

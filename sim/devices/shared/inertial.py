@@ -7,6 +7,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
+from drivers.serial_imu import SerialImuConfig, expire
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.per_element import Finite, PerElement
 from runtime.contracts.rotation import exp, from_rpy, product
@@ -43,8 +44,14 @@ class InertialFake(SampledFake):
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(options, InertialOptions)
-        self._inertial = options
+        assert isinstance(config, SerialImuConfig)
+        self._inertial, self._hold = options, round(config.hold * 1e9)
         self.imu = self.cell.part(ImuPart, name, options.part)
+
+    def read(self, now: int) -> None:
+        super().read(now)
+        if self.health.stamp < 0 or now - self.health.stamp > self._hold:
+            expire(self.state_arrays)
 
     def measure(self) -> Array:
         """(7,): the orientation in the sensor's own reference, whose yaw begins somewhere and drifts, and the force."""

@@ -34,15 +34,8 @@ class FakeXsensMti(Sensor, InertialFake):
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, XsensMtiConfig)
-        self._hold = round(config.hold * 1e9)
         self.noise_scale = np.array([HALF] * 4 + [_FORCE] * 3 + [_TURN] * 3)
         self.sampled(10, lambda: np.concatenate([self.measure(), self.imu.turning()]))
-
-    def read(self, now: int) -> None:
-        super().read(now)
-        if self.health.stamp < 0 or now - self.health.stamp > self._hold:
-            for state in self.state_arrays.values():
-                state.fill(np.nan)
 
     def quantise(self, values: Array) -> Array:
         """(10,): w x y z, m/s^2, rad/s as they leave: a unit quaternion, float32."""

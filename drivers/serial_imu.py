@@ -1,0 +1,110 @@
+"""What inertial sensors on a serial line share: they are listened to, and what they said last stands for a while."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, Final, Generic, Protocol, TypeVar
+
+import numpy as np
+from pydantic import Field
+
+from drivers.transport import Transport
+from runtime.contracts.driver import DeviceConfig, Sensor
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Array
+
+SILENT: Final = 5_000_000_000  # ns without a good frame after which the port is opened anew
+
+FrameT = TypeVar("FrameT")
+
+
+class FrameParser(Protocol[FrameT]):
+    """Finds frames in a stream of bytes.
+
+    Attributes:
+        errors: what looked like a frame, and was none.
+        resyncs: how often the next frame didn't follow the last one at once.
+    """
+
+    errors: int
+    resyncs: int
+
+    def feed(self, data: bytes) -> list[FrameT]:
+        """Returns the frames that `data` completes, in order."""
+
+
+class SerialImuConfig(DeviceConfig):
+    """Options of every such sensor."""
+
+    port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
+    frame: str = Field("imu", description="frame of the profile's tree in which it is mounted: the sensor's own axes")
+    hold: float = Field(0.05, gt=0, le=10, description="s, for which the last sample stands for later ones")
+
+
+class SerialImu(Sensor, Generic[FrameT]):
+    """A subclass opens `_link`, begins `_parser` anew with each opening, and takes the frames.
+
+    Its states are NaN before the first sample and when the newest is older than `hold`.
+
+    Attributes:
+        frames: the word of its protocol for them.
+        remedy: what to do about a sensor that has fallen silent.
+    """
+
+    frames: ClassVar[str] = "frames"
+    remedy: ClassVar[str]
+    _parser: FrameParser[FrameT]
+
+    def __init__(self, name: str, config: SerialImuConfig) -> None:
+        super().__init__(name, config)
+        self._place = f"{name} ({config.port})"
+        self._link: Transport | None = None
+        self._hold = round(config.hold * 1e9)
+        self._heard = -1  # ns, when the last frame came
+
+    @abstractmethod
+    def _take(self, frame: FrameT, now: int) -> None:
+        """Takes a frame that came by `now` (ns): its values, its time, what it says of lost ones."""
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`."""
+        if self._link is None:
+            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+        try:
+            found = self._receive(self._link)
+        except DeviceLostError as error:
+            self.health.lost(error.problem)
+            raise
+        if self._heard < 0 or found:
+            self._heard = now
+        for frame in found:
+            self._take(frame, now)
+        if self.health.stamp < 0 or now - self.health.stamp > self._hold:
+            expire(self.state_arrays)
+        if now - self._heard > SILENT:
+            problem = f"no {self.frames} for {SILENT / 1e9:g} s"
+            self.health.lost(problem)
+            raise DeviceLostError(self._place, problem, self.remedy)
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+        link, self._link = self._link, None
+        self.health.connected = False
+        if link is not None:
+            link.close()
+
+    def _receive(self, link: Transport) -> list[FrameT]:
+        parser, health = self._parser, self.health
+        errors, resyncs = parser.errors, parser.resyncs
+        data = link.read()
+        found = parser.feed(data) if data else []
+        health.errors += parser.errors - errors
+        health.resyncs += parser.resyncs - resyncs
+        return found
+
+
+def expire(states: Mapping[str, Array]) -> None:
+    """What isn't measured is no orientation."""
+    for state in states.values():
+        state.fill(np.nan)
