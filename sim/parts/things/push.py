@@ -3,39 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, cast
-from xml.etree.ElementTree import Element
+from typing import Annotated, ClassVar, cast
 
-import mujoco
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.per_element import Finite
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import FORCE
-from sim.world.part import Mjcf, Part, PartConfig
+from sim.parts.things.point_force import PointForceConfig, PointForcePart
+from sim.world.part import PartConfig
 
 Window = tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]
 
 
-class PushConfig(PartConfig):
+class PushConfig(PointForceConfig):
     """Options of the push."""
 
     pushes: str = Field(description="the body that is pushed, PART/BODY; nothing else pushes the same one")
-    point: tuple[Finite, Finite, Finite] = Field((0.0, 0.0, 0.0), description="m, where, in that body")
     force: tuple[Finite, Finite, Finite] = Field(description="N, world axes")
     times: tuple[Window, ...] = Field(description="s, [from, to] pairs in world time")
     rise: float = Field(0.02, gt=0, le=1, description="s in which the force comes, and goes")
 
 
-class PushPart(Part):
+class PushPart(PointForcePart):
     """A force whose line and size are stated, whatever it pushes at does.
 
     Truth: `<name>_force` (3,) N on the body, world axes; `<name>_work` (1,) J that it has given to the body.
     """
 
     Config: ClassVar[type[PartConfig]] = PushConfig
+    option, stands = "pushes", "pushes from the world"
     summary = "a force on one point of a body, at stated times"
 
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
@@ -49,30 +47,14 @@ class PushPart(Part):
         self._force, self._work = np.zeros(3), 0.0
         self._point, self._before = np.full(3, np.nan), np.full(3, np.nan)  # m, now and a step ago
 
-    def build(self, mjcf: Mjcf, parent: Element) -> None:
-        if parent is not mjcf.worldbody:
-            problem = f"'{self.name}' pushes from the world, and can't be mounted on another part"
-            raise WiringError(f"sim.parts.{self.name}.at", problem, "Leave `at` out")
-
-    def bind(self, model: Any, data: Any) -> None:
-        self._model, self._data = model, data
-        bodies, pushes = [model.body(i).name for i in range(model.nbody)], self._config.pushes
-        if pushes not in bodies:
-            place = f"sim.parts.{self.name}.pushes"
-            raise WiringError(place, f"no body is called '{pushes}'", nearest(pushes, bodies))
-        self._body, self._timestep = bodies.index(pushes), float(model.opt.timestep)
-
     def drive(self, step: int) -> None:
-        config, data, t = self._config, self._data, step * self._timestep
-        mujoco.mj_kinematics(self._model, data)  # after a step, bodies are one step behind the joints
-        point = data.xpos[self._body] + data.xmat[self._body].reshape(3, 3) @ config.point
+        config, t, point = self._config, step * self._timestep, self.find_point()
         # MuJoCo moves a body by its speed after the step; the force's work is that at the mean of before and after.
         if self._force.any():
             self._work += float(self._force @ (point - self._before)) / 2
         share = max((min(t - start, end - t) / config.rise for start, end in config.times), default=0.0)
         self._before, self._point, self._force = self._point, point, min(max(share, 0.0), 1.0) * np.array(config.force)
-        data.xfrc_applied[self._body, :3] = self._force
-        data.xfrc_applied[self._body, 3:] = np.cross(point - data.xipos[self._body], self._force)
+        self.push(point, self._force)
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         truth[f"{self.name}_force"][:] = self._force

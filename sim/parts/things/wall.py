@@ -5,26 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import copysign
 from typing import Any, ClassVar, cast
-from xml.etree.ElementTree import Element
 
-import mujoco
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.per_element import Finite
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import FORCE
-from sim.world.part import Mjcf, Part, PartConfig
+from sim.parts.things.point_force import PointForceConfig, PointForcePart
+from sim.world.part import PartConfig
 
 _DIRECTION = 1e-9  # the least length that says one
 
 
-class WallConfig(PartConfig):
+class WallConfig(PointForceConfig):
     """Options of the wall. It stands in the world, `gap` away from where the touching point is at the start."""
 
     touches: str = Field(description="the body that can touch it, PART/BODY")
-    point: tuple[Finite, Finite, Finite] = Field((0.0, 0.0, 0.0), description="m, the touching point in that body")
     normal: tuple[Finite, Finite, Finite] = Field((1.0, 0.0, 0.0), description="out of the wall, world axes")
     gap: float = Field(0.1, ge=0, description="m, to the point at the start, against the normal")
     stiffness: float = Field(1e4, gt=0, le=2e5, description="N/m")
@@ -39,7 +36,7 @@ class WallConfig(PartConfig):
         return self
 
 
-class WallPart(Part):
+class WallPart(PointForcePart):
     """A plane that pushes one point of a body out of itself: a spring and a damper.
 
     MuJoCo's own contacts have a time constant instead of a stiffness, so their N/m depend on what touches.
@@ -49,6 +46,7 @@ class WallPart(Part):
     """
 
     Config: ClassVar[type[PartConfig]] = WallConfig
+    option, stands = "touches", "stands in the world"
     summary = "a wall of stated stiffness (N/m), or a cart, for one point of a body"
 
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
@@ -66,31 +64,13 @@ class WallPart(Part):
         self._force = np.zeros(3)
         self._at = self._before = self._work = 0.0  # m, the point along the normal now and a step ago; J
 
-    def build(self, mjcf: Mjcf, parent: Element) -> None:
-        if parent is not mjcf.worldbody:
-            problem = f"'{self.name}' stands in the world, and can't be mounted on another part"
-            raise WiringError(f"sim.parts.{self.name}.at", problem, "Leave `at` out")
-
     def bind(self, model: Any, data: Any) -> None:
-        self._model, self._data = model, data
-        bodies, touches = [model.body(i).name for i in range(model.nbody)], self._config.touches
-        if touches not in bodies:
-            place = f"sim.parts.{self.name}.touches"
-            raise WiringError(place, f"no body is called '{touches}'", nearest(touches, bodies))
-        self._body, self._timestep = bodies.index(touches), float(model.opt.timestep)
-        mujoco.mj_kinematics(model, data)
-        self._at = self._before = float(self._normal @ self._point())
+        super().bind(model, data)
+        self._at = self._before = float(self._normal @ self.find_point())
         self._zero = self._at - self._config.gap
 
-    def _point(self) -> Array:
-        data, body = self._data, self._body
-        found: Array = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self._config.point
-        return found
-
     def drive(self, step: int) -> None:
-        config, dt, data = self._config, self._timestep, self._data
-        mujoco.mj_kinematics(self._model, data)  # after a step, bodies are one step behind the joints
-        point = self._point()
+        config, dt, point = self._config, self._timestep, self.find_point()
         along = float(self._normal @ point)
         # MuJoCo moves a body by its speed after the step; the force's work is that at the mean of before and after.
         self._work += float(self._normal @ self._force) * (along - self._before) / 2
@@ -100,8 +80,7 @@ class WallPart(Part):
         self._height = height
         push = max(-config.stiffness * height - config.damping * rate, 0.0) if height < 0.0 else 0.0
         self._force = push * self._normal
-        data.xfrc_applied[self._body, :3] = self._force
-        data.xfrc_applied[self._body, 3:] = np.cross(point - data.xipos[self._body], self._force)
+        self.push(point, self._force)
         if config.mass is not None:
             speed = self._speed - dt * push / config.mass
             drag = dt * config.resistance / config.mass
