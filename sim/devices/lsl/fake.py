@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from fractions import Fraction
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -17,11 +16,9 @@ from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.sensor import SampledFake, SensorOptions
+from sim.devices.shared.sensor import AnyWorldFake, SensorOptions
 from sim.devices.shared.surface_emg import SurfaceEmg, muscles
 from sim.devices.shared.windows import Windows, inside, rising
-from sim.world.samples import Samples
 
 _AT_ONCE: Final = 32  # samples of EMG that are made together
 
@@ -45,7 +42,7 @@ class FakeLslOptions(SensorOptions):
     )
 
 
-class FakeLsl(Sensor, SampledFake):
+class FakeLsl(Sensor, AnyWorldFake):
     """Takes all channels together at the stream's rate; each sample depends on seed, name, number and the world.
 
     Attributes:
@@ -55,7 +52,6 @@ class FakeLsl(Sensor, SampledFake):
 
     Options = FakeLslOptions
     real = Lsl
-    needs: ClassVar[type[World]] = World  # type: ignore[type-abstract]  # any will do
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
@@ -69,7 +65,7 @@ class FakeLsl(Sensor, SampledFake):
             n = len(entry.channels)
             picked[signal], at = Picked(np.arange(at, at + n), np.ones(n)), at + n
         self._rows, self._size = Rows(config, picked), at
-        self._gap, self._seen = True, 0
+        self._gap = True
         self.columns = _columns(config)
         self._truth = {signal: self._find(signal) for signal in options.signals}
         self._electrodes: SurfaceEmg | None = None
@@ -78,21 +74,7 @@ class FakeLsl(Sensor, SampledFake):
             channels = max(self.columns) + 1
             self._electrodes = SurfaceEmg([world.seed, zlib.crc32(name.encode())], channels, self.rate)
             self._made: dict[int, tuple[int, Array, Array]] = {}
-        rate = Fraction(self.rate).limit_denominator(10**6)
-        self._samples = Samples(rate, self._measure, self._size)
-        self._noise = SampleNoise(world.seed, name, self._size, options.noise)
-
-    def newest(self) -> int:
-        """See `SampledFake.newest`: what is due is taken when the fake is read, so that any world will do."""
-        samples, time = self.samples, self.world.time
-        if time < self._seen:  # the world was restored to an earlier state
-            samples.taken = -1
-        self._seen = time
-        if samples.taken < 0:
-            samples.taken = max(int(time * samples.period.denominator // samples.period.numerator) - 1, -1)
-        while samples.due <= time:
-            samples.take()
-        return super().newest()
+        self.sampled(self._size, self._measure, self.rate)
 
     def open(self) -> None:
         super().open()

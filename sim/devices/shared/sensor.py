@@ -151,3 +151,34 @@ class SampledFake(Fake):
     def _is_lost(self, number: int) -> bool:
         dropout = self._sensor_options.dropout
         return number < 0 or (dropout > 0.0 and self._noise.uniform(number) < dropout)
+
+
+class AnyWorldFake(SampledFake):
+    """A sampling fake for any world, not only a cell.
+
+    Such a world doesn't call at the sampling times. So what is due is sampled when somebody asks for the newest sample.
+    """
+
+    needs: ClassVar[type[World]] = World  # type: ignore[type-abstract]  # any will do
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        self._seen = 0  # ns, world time of the last look
+
+    def sampled(self, size: int, take: Callable[[], Array], rate: float | None = None) -> None:
+        """See `SampledFake.sampled`. `rate`: Hz, in place of the options' one."""
+        hz = Fraction(self._sensor_options.rate if rate is None else rate).limit_denominator(10**6)
+        self._samples = Samples(hz, take, size)
+        self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise)
+
+    def newest(self) -> int:
+        """See `SampledFake.newest`."""
+        samples, time = self.samples, self.world.time
+        if time < self._seen:  # the world was restored to an earlier state
+            samples.taken = -1
+        self._seen = time
+        if samples.taken < 0:
+            samples.taken = max(int(time * samples.period.denominator // samples.period.numerator) - 1, -1)
+        while samples.due <= time:
+            samples.take()
+        return super().newest()

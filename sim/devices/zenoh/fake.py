@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from fractions import Fraction
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -15,9 +12,7 @@ from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.world.samples import Samples
+from sim.devices.shared.sensor import AnyWorldFake, SensorOptions
 
 
 class FakeZenohOptions(SensorOptions):
@@ -31,12 +26,11 @@ class FakeZenohOptions(SensorOptions):
     period: float = Field(default=4.0, gt=0, description="s, of the sines")
 
 
-class FakeZenoh(Sensor, SampledFake):
+class FakeZenoh(Sensor, AnyWorldFake):
     """Samples all signals together at `rate`; the truth is sampled when the world passes a sampling time."""
 
     Options = FakeZenohOptions
     real = Zenoh
-    needs: ClassVar[type[World]] = World  # type: ignore[type-abstract]  # any will do
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
@@ -45,25 +39,7 @@ class FakeZenoh(Sensor, SampledFake):
         self._options = options
         self._rows: dict[str, list[int] | slice] = {}  # of the truth, in the signal's order
         self._check()
-        self._seen = 0
         self.sampled(sum(s.size for s in self.states), self._measure)
-
-    def sampled(self, size: int, take: Callable[[], Array]) -> None:
-        """See `SampledFake.sampled`; works with any world, because sampling times are found when the fake is read."""
-        rate = Fraction(self._options.rate).limit_denominator(10**6)
-        self._samples = Samples(rate, take, size)
-        self._noise = SampleNoise(self.world.seed, self.name, size, self._options.noise)
-
-    def newest(self) -> int:
-        samples, time = self.samples, self.world.time
-        if time < self._seen:  # the world was restored to an earlier state
-            samples.taken = -1
-        self._seen = time
-        if samples.taken < 0:
-            samples.taken = max(int(time * samples.period.denominator // samples.period.numerator) - 1, -1)
-        while samples.due <= time:
-            samples.take()
-        return super().newest()
 
     def fill(self, values: Array, number: int) -> None:
         at = 0
