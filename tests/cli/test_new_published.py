@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 import pytest
+from helpers.new_limb import moved_on
 
 from runtime.cli import main
 from runtime.profile import profile
@@ -42,13 +42,4 @@ def test_a_published_robot_becomes_a_limb_that_moves(
     robot = profile.load("mine.yaml")[0].models["limb"].robot
     assert len(robot.labels) == joints
     with Lab("mine.yaml") as lab:
-        lab.setpoint("client.position", robot.home)
-        lab.run(0.3)
-        assert lab.state == "active"
-        start = lab["arm.position"].copy()
-        goal = np.clip(start + 0.1, robot.q_lower + 0.01, robot.q_upper - 0.01)
-        lab.setpoint("client.position", goal)
-        lab.run(2.0)
-        assert lab["arm.position_command.applied"] == pytest.approx(goal, abs=1e-3)
-        assert lab["arm.position"] == pytest.approx(goal, abs=0.12)  # a servo gives way under the weight
-        assert lab.state == "active"
+        moved_on(lab, robot, seconds=2.0, off=0.12)
