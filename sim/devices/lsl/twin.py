@@ -18,7 +18,7 @@ from runtime.contracts.reach import refuse_strangers
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, Twin
 from sim.devices.lsl.fake import FakeLsl
-from sim.devices.shared.windows import inside
+from sim.devices.shared.windows import Plug
 
 _CONFINE: Final = "Run it in a network namespace: unshare -rn sh -c 'ip link set lo up; srl twin ...'"
 _CATCH_UP: Final = 0.5  # s of samples that are sent late; then they are left out
@@ -48,7 +48,7 @@ class LslTwin(Twin):
         self._outlet: Any = None
         self._sent = 0
         self._last = -1
-        self._in_window = False
+        self._plug = Plug(fake)
         self._columns = fake.columns
 
     def open(self) -> None:
@@ -82,13 +82,7 @@ class LslTwin(Twin):
     def service(self, now: int) -> None:
         """See `Twin.service`."""
         fake = self._fake
-        gone = inside(self.fake.options.loss, fake.world.time)  # type: ignore[attr-defined]
-        if gone != self._in_window:
-            self._in_window = gone
-            if gone:
-                self.close()
-            else:
-                self.open()
+        self._plug.follow(self.close, self.open)
         newest = fake.newest()
         first = max(self._last + 1, newest - int(_CATCH_UP * fake.rate), 0)
         self._last = newest

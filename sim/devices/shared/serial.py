@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from runtime.contracts.world import Fake, Twin
 from sim.devices.shared.dialing import DialingDoor
 from sim.devices.shared.pty import PtyDoor
-from sim.devices.shared.windows import Windows, inside
+from sim.devices.shared.windows import Plug
 
 
 class SerialTwin(Twin):
@@ -33,8 +33,7 @@ class SerialTwin(Twin):
         self.muted = False
         self.keep_log = False
         self._chunks: list[tuple[int, bytes]] = []
-        self._windows: Windows = getattr(fake.options, "loss", ())
-        self._in_window = False
+        self._plug = Plug(fake)
         self._last_in: int | None = None
 
     @property
@@ -58,7 +57,7 @@ class SerialTwin(Twin):
 
     def service(self, now: int) -> None:
         """See `Twin.service`."""
-        self._follow_windows()
+        self._plug.follow(self.close, self.open)
         if not self.door.is_open:
             self.work(now)
             return
@@ -105,12 +104,3 @@ class SerialTwin(Twin):
             "rx": np.frombuffer(b"".join(data for _, data in self._chunks), np.uint8),
             "rx_ns": np.array(times, np.int64),
         }
-
-    def _follow_windows(self) -> None:
-        gone = inside(self._windows, self.fake.world.time)
-        if gone != self._in_window:
-            self._in_window = gone
-            if gone:
-                self.close()
-            else:
-                self.open()

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from runtime.contracts.errors import HostError
 from runtime.contracts.world import Fake, Twin
-from sim.devices.shared.windows import Windows, inside
+from sim.devices.shared.windows import Plug
 
 CHUNK: Final = 65536
 CHUNKS: Final = 64  # most chunks in one read
@@ -300,8 +300,7 @@ class SocketTwin(Twin):
         super().__init__(fake)
         self.muted = False
         self.keep_log = False
-        self._windows: Windows = getattr(fake.options, "loss", ())
-        self._in_window = False
+        self._plug = Plug(fake)
 
     @abstractmethod
     def doors(self) -> list[TcpDoor | UdpDoor]:
@@ -333,13 +332,7 @@ class SocketTwin(Twin):
 
     def service(self, now: int) -> None:
         """See `Twin.service`."""
-        gone = inside(self._windows, self.fake.world.time)
-        if gone != self._in_window:
-            self._in_window = gone
-            if gone:
-                self.close()
-            else:
-                self.open()
+        self._plug.follow(self.close, self.open)
         if self.muted:
             for door in self.doors():  # the kernel of a hung device still receives
                 if isinstance(door, TcpDoor):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 
 from runtime.contracts.errors import DeviceError, WiringError
-from runtime.contracts.world import World
+from runtime.contracts.world import Fake, World
 from sim.world.cell import Cell
 
 Windows = tuple[tuple[float, float], ...]
@@ -22,6 +23,22 @@ def rising(windows: Windows) -> Windows:
 def inside(windows: Windows, at: int) -> bool:
     """Whether `at` (ns) lies in one of the windows (s)."""
     return bool(windows) and any(start <= at * 1e-9 < end for start, end in windows)
+
+
+class Plug:
+    """The plug of a twin, which is out during the `loss` windows of its fake's options."""
+
+    def __init__(self, fake: Fake) -> None:
+        self._fake = fake
+        self._windows: Windows = getattr(fake.options, "loss", ())
+        self._out = False
+
+    def follow(self, pull: Callable[[], None], put: Callable[[], None]) -> None:
+        """Calls `pull` when a window of world time has begun, and `put` when it has ended."""
+        out = inside(self._windows, self._fake.world.time)
+        if out != self._out:
+            self._out = out
+            (pull if out else put)()
 
 
 def refuse_while_gone(name: str, loss: Windows, at: int) -> None:
