@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
@@ -13,6 +14,7 @@ from runtime.contracts.errors import OptionError
 
 Baudrate = Literal[9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 2000000]
 MESSAGE: Final = 73  # bytes of a message with all items
+PERIODS: Final = 2  # messages that `hold` must reach over: one may come late
 LINE: Final = 0.9  # share of the line that may be used
 
 
@@ -31,11 +33,14 @@ class XsensMtiConfig(SerialImuConfig):
     )
 
     @model_validator(mode="after")
-    def _fits_line(self) -> Self:
+    def _fits(self) -> Self:
         most = int(LINE * self.baudrate / (10 * MESSAGE))  # 10 bits a byte
         if self.rate > most:
             problem = f"{self.baudrate} bit/s carry {most} messages a second, not {self.rate}"
             raise OptionError(problem, "Lower 'rate', or set the sensor, and 'baudrate' here, to more")
+        if self.hold * self.rate < PERIODS:  # or the values would be NaN between two messages
+            problem = f"'hold' of {self.hold:g} s is less than {PERIODS} messages at {self.rate} Hz"
+            raise OptionError(problem, f"Set 'hold' to {ceil(1000 * PERIODS / self.rate) / 1000:g} or more")
         return self
 
     def items(self) -> dict[int, int]:

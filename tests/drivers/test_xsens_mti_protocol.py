@@ -133,3 +133,10 @@ def test_a_rate_that_the_line_does_not_carry_is_refused() -> None:
     with pytest.raises(ValidationError, match="115200 bit/s carry 142 messages a second, not 200"):
         XsensMtiConfig(port="/dev/null", rate=200)
     XsensMtiConfig(port="/dev/null", rate=400, baudrate=921600)
+
+
+def test_a_hold_that_does_not_reach_over_two_messages_is_refused() -> None:
+    with pytest.raises(ValidationError, match=r"'hold' of 0\.05 s is less than 2 messages at 11 Hz") as caught:
+        XsensMtiConfig(port="/dev/null", rate=11)
+    assert "Set 'hold' to 0.182 or more" in str(caught.value)
+    XsensMtiConfig(port="/dev/null", rate=11, hold=0.182)
