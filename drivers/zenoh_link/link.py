@@ -118,11 +118,6 @@ class Link:
         self._open = False
         self._helper.end_hanging()
 
-    @property
-    def is_open(self) -> bool:
-        """Whether there is a session."""
-        return self._open
-
     def fileno(self) -> int | None:
         """Returns the socket's descriptor; only a whole message, of `stop_frames`, may be written to it."""
         return self._helper.fileno() if self._open else None
@@ -247,6 +242,9 @@ class Link:
             self._helper.tell(message)
         except ProcessEndedError:
             self._ended()
+        except DeviceError:  # it hung, and was ended
+            self._open = False
+            raise
 
     def _give(self, message: bytes) -> bool:
         try:
