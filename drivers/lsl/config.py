@@ -35,10 +35,11 @@ class LslStream(BaseModel):
     def _one(self) -> LslStream:
         if self.source_id is None and self.name is None:
             raise ValueError("needs `source_id` or `name`: a type alone may be anybody's")
+        self.predicate()
         return self
 
     def predicate(self) -> str:
-        """The XPath predicate that liblsl resolves by."""
+        """The XPath predicate that liblsl resolves by. Raises ValueError: a text that it can't say."""
         return " and ".join(f"{key}={_quoted(value)}" for key, value in self.model_dump(exclude_none=True).items())
 
 
@@ -178,5 +179,5 @@ class LslConfig(DeviceConfig):
 def _quoted(text: str) -> str:
     """An XPath string; liblsl has no escape."""
     if "'" in text and '"' in text:
-        raise ValueError(f"stream: {text!r} has both kinds of quotation marks")
+        raise ValueError(f"{text!r} has both kinds of quotation marks: name another property of the stream")
     return f'"{text}"' if "'" in text else f"'{text}'"

@@ -45,6 +45,7 @@ def config(**options: Any) -> LslConfig:
     ("options", "words"),
     [
         ({"stream": {"type": "EMG"}}, "needs `source_id` or `name`"),
+        ({"stream": {"name": "a'b\"c"}}, "both kinds of quotation marks"),
         ({"port": "tcp://127.0.0.1"}, "must read lsl://HOST"),
         ({"port": "lsl://lab-pc"}, "must be an address"),
         ({"port": "lsl://192.168.1.30"}, "unencrypted_network: true"),
