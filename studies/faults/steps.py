@@ -28,7 +28,6 @@ class Sent:
         left: (k,) bool: a command left in this cycle.
         begun: (k,) how many starts and resets there were until then: after each, the command begins anew.
         measured: (k, n) in the same unit; None: not measured, or not the command's own coordinates.
-        gravity: (k, n) N m, contained in a torque; None: none.
         dt: s, the period.
     """
 
@@ -36,7 +35,6 @@ class Sent:
     left: NDArray[np.bool_]
     begun: NDArray[np.int64]
     measured: Array | None
-    gravity: Array | None
     dt: float
 
 
@@ -45,6 +43,7 @@ def shares(guard: CommandGuard, sent: Sent) -> Iterator[tuple[int, float, str]]:
 
     A step is that of a position by the velocity limit, of a velocity by the acceleration limit, of a torque by the
     limit of its rate, in the time since the last one left. The time counts for as long as the guard may make up for.
+    A torque is the whole, with gravity, as the motor feels it.
     What isn't finite is infinitely more than is allowed.
     """
     kind, r = guard.command.kind, np.broadcast_to(np.ravel(guard.command.resolution), guard.size) + ROUNDING
@@ -64,14 +63,10 @@ def shares(guard: CommandGuard, sent: Sent) -> Iterator[tuple[int, float, str]]:
         last = _reference(sent, k, before, begins, kind)
         if last is not None and (now.any() or kind is not Kind.VELOCITY):  # a device that got nothing ends a velocity
             span = sent.dt if begins or before is None else min((k - before) * sent.dt, patience)
-            step = np.abs(now - _gravity(sent, k) - last)
+            step = np.abs(now - last)
             yield k, float(np.max(step / (rate * span + 2 * r))), "first step" if begins else "step"
         yield k, _bounds(guard, sent, k, now), "bounds"
         before = k
-
-
-def _gravity(sent: Sent, k: int) -> Array | float:
-    return 0.0 if sent.gravity is None else np.nan_to_num(sent.gravity[k].ravel())
 
 
 def _reference(sent: Sent, k: int, before: int | None, begins: bool, kind: Kind) -> Array | None:
@@ -85,7 +80,7 @@ def _reference(sent: Sent, k: int, before: int | None, begins: bool, kind: Kind)
         return there if np.isfinite(there).all() else None
     if before is None:
         return None
-    return np.asarray(sent.values[before].ravel() - _gravity(sent, before))
+    return sent.values[before].ravel()
 
 
 def _bounds(guard: CommandGuard, sent: Sent, k: int, now: Array) -> float:
@@ -94,7 +89,7 @@ def _bounds(guard: CommandGuard, sent: Sent, k: int, now: Array) -> float:
         return 0.0
     most = guard.max_velocity if guard.command.kind is Kind.VELOCITY else guard.max_effort
     limit = np.maximum(np.array(most), ROUNDING) * (1 + 1e-9) + ROUNDING
-    return float(np.max(np.abs(now - _gravity(sent, k)) / limit))
+    return float(np.max(np.abs(now) / limit))
 
 
 def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Actuator) -> Sent:
@@ -111,7 +106,7 @@ def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Act
     return Sent(
         values, left, np.cumsum(np.diff(runs.astype(np.int64), prepend=0) > 0),
         of(f"{graph.devices[actuator.device].name}.{feedback}") if feedback else None,
-        of(f"{actuator.name}.gravity"), float(1 / graph.profile.rate),
+        float(1 / graph.profile.rate),
     )  # fmt: skip
 
 
