@@ -119,7 +119,7 @@ def sent(values: list[float], left: list[int], begun: list[int] | None = None, m
     count = len(values)
     return Sent(
         np.array(values)[:, None], np.isin(np.arange(count), left), np.array(begun or [0] * count),
-        None if measured is None else np.array(measured)[:, None], None, 0.01,
+        None if measured is None else np.array(measured)[:, None], 0.01,
     )  # fmt: skip
 
 
