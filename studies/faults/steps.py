@@ -28,6 +28,7 @@ class Sent:
         left: (k,) bool: a command left in this cycle.
         begun: (k,) how many starts and resets there were until then: after each, the command begins anew.
         measured: (k, n) in the same unit; None: not measured, or not the command's own coordinates.
+        time: (k,) s, of each cycle, as the guards counted it: a late cycle may go further.
         dt: s, the period.
     """
 
@@ -35,6 +36,7 @@ class Sent:
     left: NDArray[np.bool_]
     begun: NDArray[np.int64]
     measured: Array | None
+    time: Array
     dt: float
 
 
@@ -62,7 +64,11 @@ def shares(guard: CommandGuard, sent: Sent) -> Iterator[tuple[int, float, str]]:
         begins = before is None or sent.begun[before] != sent.begun[k]
         last = _reference(sent, k, before, begins, kind)
         if last is not None and (now.any() or kind is not Kind.VELOCITY):  # a device that got nothing ends a velocity
-            span = sent.dt if begins or before is None else min((k - before) * sent.dt, patience)
+            span = (
+                sent.dt
+                if begins or before is None
+                else min(max(float(sent.time[k] - sent.time[before]), sent.dt), patience)
+            )
             step = np.abs(now - last)
             yield k, float(np.max(step / (rate * span + 2 * r))), "first step" if begins else "step"
         yield k, _bounds(guard, sent, k, now), "bounds"
@@ -106,7 +112,7 @@ def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Act
     return Sent(
         values, left, np.cumsum(np.diff(runs.astype(np.int64), prepend=0) > 0),
         of(f"{graph.devices[actuator.device].name}.{feedback}") if feedback else None,
-        float(1 / graph.profile.rate),
+        np.cumsum(rows[:, CYCLE.dt]) * 1e-9, float(1 / graph.profile.rate),
     )  # fmt: skip
 
 

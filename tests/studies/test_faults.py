@@ -115,11 +115,16 @@ def test_a_broken_runtime_is_caught(
 # The steps
 
 
-def sent(values: list[float], left: list[int], begun: list[int] | None = None, measured: Any = None) -> Sent:
+def sent(
+    values: list[float], left: list[int], begun: list[int] | None = None, measured: Any = None, late: float = 0.0
+) -> Sent:
+    """`late`: s, of the last one."""
     count = len(values)
+    time = np.arange(count) * 0.01
+    time[-1] += late
     return Sent(
         np.array(values)[:, None], np.isin(np.arange(count), left), np.array(begun or [0] * count),
-        None if measured is None else np.array(measured)[:, None], 0.01,
+        None if measured is None else np.array(measured)[:, None], time, 0.01,
     )  # fmt: skip
 
 
@@ -137,6 +142,7 @@ def most(kind: Kind, given: Sent) -> float:
 def test_a_step_counts_by_the_time_since_the_last_one_left() -> None:
     assert most(Kind.POSITION, sent([0.0, 0.01, 0.02], [0, 1, 2])) == pytest.approx(1.0, abs=1e-5)
     assert most(Kind.POSITION, sent([0.0, 0.0, 0.02], [0, 2])) == pytest.approx(1.0, abs=1e-5)
+    assert most(Kind.POSITION, sent([0.0, 0.015], [0, 1], late=0.005)) == pytest.approx(1.0, abs=1e-5)
     assert most(Kind.POSITION, sent([0.0] * 50 + [0.5], [0, 50])) > 8  # a stall may not be made up for
     assert most(Kind.VELOCITY, sent([0.0, 0.02, 0.06], [0, 1, 2])) == pytest.approx(2.0, abs=1e-5)
     assert most(Kind.VELOCITY, sent([1.2], [0])) > 1.19
