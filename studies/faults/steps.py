@@ -112,7 +112,7 @@ def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Act
     return Sent(
         values, left, np.cumsum(np.diff(runs.astype(np.int64), prepend=0) > 0),
         of(f"{graph.devices[actuator.device].name}.{feedback}") if feedback else None,
-        np.cumsum(rows[:, CYCLE.dt]) * 1e-9, float(1 / graph.profile.rate),
+        np.cumsum(rows[:, CYCLE.dt], dtype=np.float64) * 1e-9, float(1 / graph.profile.rate),
     )  # fmt: skip
 
 
