@@ -55,8 +55,10 @@ class Model:
         return None if self.gear is None else 2 * pi / self.gear
 
 
-def _ak(name: str, old: Range, new: Range | None, gear: float, kt: float, pole_pairs: int = 21) -> Model:
-    ranges: dict[Generation, tuple[Range, ...]] = {"v1": (old,), "v2": (old,)}
+def _ak(name: str, old: Range | None, new: Range | None, gear: float, kt: float, pole_pairs: int = 21) -> Model:
+    ranges: dict[Generation, tuple[Range, ...]] = {}
+    if old is not None:
+        ranges |= {"v1": (old,), "v2": (old,)}
     if new is not None:
         ranges["v3"] = (new,)
     return Model(name, "cubemars", ranges, gear, pole_pairs, kt)
@@ -74,7 +76,7 @@ MODELS: Final = {
     for model in (
         _ak("AK10-9", Range(_P, 50, 65), Range(_P3, 28, 54), 9, 0.160),
         _ak("AK60-6", Range(_P, 45, 15), Range(_P3, 60, 12), 6, 0.113, 14),
-        _ak("AK70-9", Range(_P, 50, 25), Range(_P3, 30, 32), 9, 0.095),
+        _ak("AK70-9", None, Range(_P3, 30, 32), 9, 0.095),
         _ak("AK70-10", Range(_P, 50, 25), None, 10, 0.095),
         _ak("AK80-6", Range(_P, 76, 12), None, 6, 0.091),
         _ak("AK80-8", Range(_P, 37.5, 32), None, 8, 0.136),

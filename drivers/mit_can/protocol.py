@@ -123,14 +123,16 @@ def parse_command(data: bytes, span: Range, v3: bool = False) -> Impedance:
 
 
 def parse_reply(data: bytes, span: Range) -> State:
-    """Reads the reply of a Damiao, or of an AK V1 or V2, of 6 to 8 bytes; the id in byte 0 is the caller's."""
+    """Reads the reply of a Damiao, or of an AK V1 or V2, of 6 to 8 bytes; the id in byte 0 is the caller's.
+
+    Of 7 bytes the last is the supply's voltage, so no temperature is told.
+    """
     bits = int.from_bytes(data[1:6], "big")
-    damiao_or_new = len(data) > 6
     return State(
         from_field(bits >> 24, span.position, WORD),
         from_field(bits >> 12 & FIELD, span.velocity, FIELD),
         from_field(bits & FIELD, span.torque, FIELD),
-        float(data[6]) if damiao_or_new else float("nan"),
+        float(data[6]) if len(data) > 7 else float("nan"),
         float(data[7]) if len(data) > 7 else float("nan"),
         data[7] if len(data) > 7 else 0,
     )

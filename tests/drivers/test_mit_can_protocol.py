@@ -6,6 +6,8 @@ mini-cheetah-motor-driver-socketcan 0.4.3, motor-python 0.0.11 and epically-powe
 
 from __future__ import annotations
 
+from math import isnan
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -107,6 +109,10 @@ def test_replies_are_read_as_others_read_them() -> None:
     assert (ak.position, ak.velocity) == pytest.approx((0.9996566720073243, -1.9902319902319903))
     assert ak.torque == pytest.approx(1.5076923076923094)
     assert (ak.temperature, ak.code) == (45 - 40, 0)
+    for shorter in ("018a3c7ae8ab", "018a3c7ae8ab30"):  # V1; the reference firmware, which tells its supply's voltage
+        found = protocol.ak_reply(bytes.fromhex(shorter), AK80_9)
+        assert (found.position, found.torque, found.code) == (ak.position, ak.torque, 0)
+        assert isnan(found.temperature)
 
 
 def test_half_a_step_is_no_motion() -> None:

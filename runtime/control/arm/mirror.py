@@ -109,6 +109,10 @@ class Mirror(Controller):
         normal /= length
         reflect = np.eye(3) - 2.0 * np.outer(normal, normal)
         middle = between / 2.0
+        if (np.diff(self._from) < 0).any():  # images at zero, but not elsewhere: turns in another order end elsewhere
+            order = ", ".join(map(config.other.labels.__getitem__, self._from))
+            problem = f"from the base on, the leading joints come as {order}; {config.other.name} has another order"
+            raise WiringError(place, problem, f"It has {', '.join(config.other.labels)}: correct `joints`")
         own, theirs = _axes(config.robot, np.eye(4)), _axes(config.other, placed)
         for i, (name, leading) in enumerate(config.leading.items()):
             axis, point = own[i]

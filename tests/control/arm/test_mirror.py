@@ -140,6 +140,27 @@ def test_arms_that_are_no_images_are_refused(placed: Any, reason: str) -> None:
         law(placed)
 
 
+def universal(first: str, second: str, axes: tuple[str, str]) -> Any:
+    """Two axes through one point, and a tool."""
+    parents = ("base", "mid"), ("mid", "hand")
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for name, axis, (parent, child) in zip((first, second), axes, parents, strict=True)
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "mid", "hand"))
+    kept = KeptFile(Path("u.urdf"), f'<robot name="u">{links}{joints}</robot>'.encode())
+    return RobotModel.model_validate({"urdf": kept}).robot
+
+
+def test_the_same_axes_in_another_order_are_refused() -> None:
+    """At zero a yaw before a pitch is the image of a pitch before a yaw; turned, the two end elsewhere."""
+    led, other = universal("yaw", "pitch", ("0 0 1", "0 1 0")), universal("pitch", "yaw", ("0 1 0", "0 0 1"))
+    config = MirrorConfig.model_validate({"robot": led, "other": other, "normal": (0.0, 1.0, 0.0)})
+    with pytest.raises(WiringError, match="come as yaw, pitch"):
+        bound(Mirror("mirror", config), {"other": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)})
+
+
 @pytest.mark.parametrize(
     ("joints", "reason"),
     [
