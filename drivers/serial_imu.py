@@ -15,6 +15,7 @@ from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array
 
 SILENT: Final = 5_000_000_000  # ns without a good frame after which the port is opened anew
+FROZEN: Final = 500_000_000  # ns of the very same values: a sensor that lies still flickers in its last bits
 
 FrameT = TypeVar("FrameT")
 
@@ -43,9 +44,10 @@ class SerialImuConfig(DeviceConfig):
 
 
 class SerialImu(Sensor, Generic[FrameT]):
-    """A subclass opens `_link`, begins `_parser` anew with each opening, and takes the frames.
+    """A subclass opens `_link`, and takes the frames.
 
-    Its states are NaN before the first sample and when the newest is older than `hold`.
+    Its states are NaN before the first sample and when the newest is older than `hold`. One whose values stand still to
+    the last bit is no sample: the sensor hangs, though its counter goes on.
 
     Attributes:
         frames: the word of its protocol for them.
@@ -61,7 +63,12 @@ class SerialImu(Sensor, Generic[FrameT]):
         self._place = f"{name} ({config.port})"
         self._link: Transport | None = None
         self._hold = round(config.hold * 1e9)
+
+    def _begin(self) -> None:
+        """Forgets what was heard. A subclass adds its parser and its clock, and calls it when it is made or opened."""
         self._heard = -1  # ns, when the last frame came
+        self._values: tuple[object, ...] = ()
+        self._fresh = -1  # ns, of the sample whose values were last other ones
 
     @abstractmethod
     def _take(self, frame: FrameT, now: int) -> None:
@@ -93,6 +100,15 @@ class SerialImu(Sensor, Generic[FrameT]):
         self.health.connected = False
         if link is not None:
             link.close()
+
+    def _frozen(self, values: tuple[object, ...], stamp: int) -> bool:
+        """Whether all that the sensor measures has stood still for too long, with this sample of `stamp` (ns)."""
+        if values != self._values or self._fresh < 0:
+            self._values, self._fresh = values, stamp
+        if stamp - self._fresh <= FROZEN:
+            return False
+        self.health.message = "its values stand still to the last bit: switch it off and on"
+        return True
 
     def _receive(self, link: Transport) -> list[FrameT]:
         parser, health = self._parser, self.health

@@ -39,8 +39,8 @@ class Bno085(SerialImu[Record]):
 
     A sample's time follows from the frame's index. So none is lost unseen, and late frames stay as old as they are;
     after 5 s of them the port is opened anew. So it is where more than 1.2 s of frames are missing, or the sensor was
-    switched off and on: its index says nothing of how long. Frames whose index stands still or whose angles and
-    acceleration disagree for seconds aren't used.
+    switched off and on: its index says nothing of how long. Frames whose index or whose values stand still, or whose
+    angles and acceleration disagree for seconds, aren't used.
     """
 
     Config = Bno085Config
@@ -60,11 +60,11 @@ class Bno085(SerialImu[Record]):
         self._begin()
 
     def _begin(self) -> None:
+        super()._begin()
         self._parser = Parser()
         self._reading = Reading(self._config.order)
         self._clock, self._late = StreamTime(RATE, learn=True, lossless=True), Lateness()
         self._index, self._number = -1, 0
-        self._heard = -1  # ns, when the last frame came
 
     # -- lifecycle
 
@@ -118,11 +118,12 @@ class Bno085(SerialImu[Record]):
         self._gaps += step - 1
         self._number += step
         stamp = self._clock.stamp(self._number, now)
-        if self._reading.fill(record, self.state_arrays):
-            self.health.stamp = stamp
-            self.health.message = ""
-        else:
-            self.health.message = self._reading.trouble()
+        if not self._frozen(record[1:], stamp):
+            if self._reading.fill(record, self.state_arrays):
+                self.health.stamp = stamp
+                self.health.message = ""
+            else:
+                self.health.message = self._reading.trouble()
         self._late.check(self._clock.delay, now, self._place, self.health)
 
     # -- opening

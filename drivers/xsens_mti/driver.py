@@ -19,7 +19,6 @@ from runtime.contracts.rotation import normalised
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POINT, QUATERNION
 
-FROZEN: Final = 500_000_000  # ns of the very same values: a sensor that lies still flickers in its last bits
 _WRAP: Final = 1 << 16  # of the packet counter
 _OFF: Final = 0.1  # by which a quaternion's length may be off 1
 
@@ -59,13 +58,11 @@ class XsensMti(SerialImu[Message]):
         self._begin()
 
     def _begin(self) -> None:
+        super()._begin()
         self._parser = Parser()
         self._clock, self._late = DeviceTime(TICK, TICK_BITS), Lateness()
         self._gravity = GravityCheck(self._config.rate)
         self._counter = -1
-        self._heard = -1  # ns, when the last message came
-        self._values: tuple[object, ...] = ()
-        self._fresh = -1  # ns, of the sample whose values were last other ones
 
     # -- lifecycle
 
@@ -155,7 +152,6 @@ class XsensMti(SerialImu[Message]):
             health.message = "it says that its orientation isn't valid yet: keep it still"
             return
         if self._frozen((orientation, force, turn), stamp):
-            health.message = "its values stand still to the last bit: switch it off and on"
             return
         clipped = sample.status is not None and bool(sample.status & CLIPPED)
         self._clipped += clipped
@@ -168,8 +164,3 @@ class XsensMti(SerialImu[Message]):
         states["turn"][:] = turn
         health.stamp = stamp
         health.message = "its acceleration or rate is beyond its range" if clipped else ""
-
-    def _frozen(self, values: tuple[object, ...], stamp: int) -> bool:
-        if values != self._values or self._fresh < 0:
-            self._values, self._fresh = values, stamp
-        return stamp - self._fresh > FROZEN

@@ -71,7 +71,7 @@ def pair():
     made = []
 
     def make(**options: Any) -> Pair:
-        made.append(Pair(**options))
+        made.append(Pair(**{"noise": 0.002} | options))
         return made[-1]
 
     yield make
@@ -199,11 +199,33 @@ def test_an_index_that_stands_still_is_an_old_frame():
     cable.close()
 
 
+def test_a_sensor_that_repeats_itself_to_the_bit_hangs_though_its_index_goes_on():
+    cable, driver = opened("frozen")
+
+    def frame(k: int, x: int) -> None:
+        cable.write_all(encode(Record((k + 1) % 256, 0, 0, 0, x, 0, 1000)), 1.0)
+        until(lambda: driver.health.frames == k + 1, lambda: driver.read((k + 1) * 10 * MS), pause=0.0)
+
+    for k in range(50):
+        frame(k, 0)
+    assert np.isfinite(driver.state_arrays["orientation"]).all()
+    for k in range(50, 70):
+        frame(k, 0)
+    assert "stand still to the last bit" in driver.health.message
+    assert np.isnan(driver.state_arrays["orientation"]).all()
+    assert 700 * MS - driver.health.stamp >= 180 * MS
+    frame(70, 1)
+    assert np.isfinite(driver.state_arrays["orientation"]).all()
+    assert driver.health.message == ""
+    driver.close()
+    cable.close()
+
+
 def test_frames_that_a_queue_delays_stay_old_until_the_port_is_opened_anew():
     cable, driver = opened("queue")
 
     def frame(k: int, late: int) -> int:
-        cable.write_all(encode(Record((k + 1) % 256, 0, 0, 0, 0, 0, 1000)), 1.0)
+        cable.write_all(encode(Record((k + 1) % 256, 0, 0, 0, 0, k % 2, 1000)), 1.0)
         now = (k + 1) * 10 * MS + late
         until(lambda: driver.health.frames == k + 1, lambda: driver.read(now), pause=0.0)
         return now - driver.health.stamp
@@ -221,7 +243,7 @@ def test_frames_that_a_queue_delays_stay_old_until_the_port_is_opened_anew():
 def test_what_gravity_contradicts_grows_stale():
     cable, driver = opened("contradiction")
     for k in range(600):
-        cable.write_all(encode(Record((k + 1) % 256, 0, 0, 3000, 0, 0, 1000)), 1.0)
+        cable.write_all(encode(Record((k + 1) % 256, 0, 0, 3000, 0, k % 2, 1000)), 1.0)
         until(lambda k=k: driver.health.frames == k + 1, lambda k=k: driver.read((k + 1) * 10 * MS), pause=0.0)
     assert "disagree by 30 degrees" in driver.health.message
     assert 600 * 10 * MS - driver.health.stamp > 500 * MS
