@@ -1,72 +1,27 @@
-"""`python -m bench [NAME ...] [--trials N] [--json]`: what `make bench` runs."""
+"""`python -m bench [NAME ...] [--quick] [--trials N] [--json]`: what `make bench` and `make bench-quick` run.
+
+A bench that fails is reported, and the others go on; the exit code is 1 then.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Callable
-from functools import partial
+import time
 
-from bench import (
-    arm_angles,
-    can_actuators,
-    clock,
-    collision,
-    compiled,
-    drivers,
-    dynamixel,
-    ikns,
-    noitom,
-    object_mapping,
-    panda,
-    panel,
-    pycgm,
-    sibson,
-    sixth_finger,
-    skeleton,
-    stop_latency,
-    superman,
-    ur,
-    whole_body_laws,
-)
+from bench import one
+from bench.catalogue import BENCHES
 from bench.pairs import Row
-
-BENCHES: dict[str, Callable[[], list[Row]]] = {
-    "arm-angles": arm_angles.run,
-    "can-actuators": can_actuators.run,
-    "clock-100hz": lambda: clock.run(100),
-    "clock-1khz": lambda: clock.run(1000),
-    "collision": collision.run,
-    "compiled": compiled.run,
-    "drivers": drivers.run,
-    "dynamixel": dynamixel.run,
-    "ikns-cycle": ikns.run,
-    "noitom-text": noitom.run,
-    "object-mapping": object_mapping.run,
-    "panda-cycle": panda.run,
-    "panel": panel.run,
-    "ur-rtde-receive": ur.run,
-    "pycgm": pycgm.run,
-    "sibson": sibson.run,
-    "skeleton": skeleton.run,
-    "cycle-sixth-finger": sixth_finger.cycle,
-    "sim-sixth-finger": sixth_finger.speed,
-    "stop-latency": stop_latency.run,
-    "superman": superman.run,
-    "superman-laws": whole_body_laws.run,
-    "telemetry-1khz": sixth_finger.telemetry,
-}
 
 
 def main() -> int:
     """Runs the named benches, or all."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of: {', '.join(BENCHES)}")
+    parser.add_argument("--quick", action="store_true", help="fewer pairs; without names, those of the quick set")
     parser.add_argument("--json", action="store_true", help="one JSON object")
-    parser.add_argument(
-        "--trials", type=int, default=stop_latency.TRIALS, metavar="N", help="of stop-latency (%(default)s)"
-    )
+    parser.add_argument("--trials", type=int, metavar="N", help="of stop-latency")
     args = parser.parse_args()
     unknown = set(args.names) - set(BENCHES)
     if unknown:
@@ -74,22 +29,44 @@ def main() -> int:
             f"bench: no bench is called {', '.join(sorted(unknown))}. There are: {', '.join(BENCHES)}", file=sys.stderr
         )
         return 2
-    rows = []
-    for name in args.names or BENCHES:
+    names = args.names or [name for name, bench in BENCHES.items() if bench.quick or not args.quick]
+    rows: list[Row] = []
+    failed: dict[str, str] = {}
+    took: dict[str, float] = {}
+    for name in names:
         if not args.json:
             print(name, flush=True)
-        bench = BENCHES[name] if name != "stop-latency" else partial(stop_latency.run, args.trials)
-        for row in bench():
-            rows.append(row)
+        function, arguments, _ = BENCHES[name]
+        if name == "stop-latency" and args.trials is not None:
+            arguments = (args.trials,)
+        begun = time.monotonic()
+        found, why = one.run(function, arguments, args.quick)
+        took[name] = round(time.monotonic() - begun, 1)
+        rows += found
+        if not args.json:
+            for row in found:
+                print(f"  {_words(row)}", flush=True)
+        if why:
+            failed[name] = why
             if not args.json:
-                judged = "" if row.holds is None else f"  aim {row.aim}: {'met' if row.holds else 'NOT met'}"
-                control = "" if row.control is None else f", A/A {row.control:g}{_between(row.control_interval)}"
-                ratio = f"ratio {row.ratio:g}{_between(row.interval)}"
-                measured = f"{row.ours:g} {row.unit}, {row.other_name} {row.other:g}, {ratio}{control}"
-                print(f"  {row.what}: {measured}{judged}", flush=True)
+                print(f"  FAILED: {why}", flush=True)
     if args.json:
-        print(json.dumps({"benches": [row.figures() for row in rows]}))
-    return 0
+        print(json.dumps({"benches": [row.figures() for row in rows], "failed": failed, "seconds": took}))
+    else:
+        slowest = sorted(took, key=lambda name: -took[name])[:3]
+        spent = ", ".join(f"{name} {took[name]:g} s" for name in slowest)
+        print(f"{len(names)} benches in {sum(took.values()):.0f} s (longest: {spent}); {len(failed)} failed")
+        for name, why in failed.items():
+            print(f"  {name}: {why}")
+    return 1 if failed else 0
+
+
+def _words(row: Row) -> str:
+    judged = "" if row.holds is None else f"  aim {row.aim}: {'met' if row.holds else 'NOT met'}"
+    control = "" if row.control is None else f", A/A {row.control:g}{_between(row.control_interval)}"
+    control += f", {row.pairs} pairs" if row.pairs else ""
+    ratio = f"ratio {row.ratio:g}{_between(row.interval)}"
+    return f"{row.what}: {row.ours:g} {row.unit}, {row.other_name} {row.other:g}, {ratio}{control}{judged}"
 
 
 def _between(interval: tuple[float, float] | None) -> str:

@@ -1,4 +1,8 @@
-"""Wake-up latency of the loop's clock, compared with cyclictest (C) and loop-rate-limiters (Python), same priority."""
+"""Wake-up latency of the loop's clock, compared at the same priority with peers that wait in the same way.
+
+Sleeping: ours without its spin, cyclictest (C) and loop-rate-limiters (Python). Spinning: ours as it is, which sleeps
+first and spins the last 60 us, and the same written by hand in C.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,13 @@ import subprocess
 import sys
 import time
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 
+from bench.by_hand import compiled
 from bench.pairs import PAIRS, Row, measure
+from runtime.loop import clock as clocks
 from runtime.loop import realtime
 from runtime.loop.clock import MonotonicClock
 
@@ -20,13 +27,23 @@ from runtime.loop.clock import MonotonicClock
 def run(rate: int) -> list[Row]:
     """Measures at `rate` Hz; a run takes about 1 s at 100 Hz, 0.5 s at 1 kHz."""
     count = 100 if rate <= 100 else rate // 2
-    others = {"loop-rate-limiters": lambda: _worker("limiter", rate, count)}
-    if shutil.which("cyclictest"):
-        others["cyclictest"] = lambda: _cyclictest(rate, count)
-    pairs = measure(lambda: _worker("ours", rate, count), others, PAIRS)
     id = f"clock-{rate}hz" if rate < 1000 else f"clock-{rate // 1000}khz"
+    sleeping = {"loop-rate-limiters": lambda: _worker("limiter", rate, count)}
+    if shutil.which("cyclictest"):
+        sleeping["cyclictest"] = lambda: _cyclictest(rate, count)
+    with compiled("clock") as program:
+        policies = {
+            "sleeping": (measure(lambda: _worker("sleeping", rate, count), sleeping, PAIRS), sleeping),
+            "spinning": (
+                measure(
+                    lambda: _worker("spinning", rate, count), {"by hand in C": lambda: _c(program, rate, count)}, PAIRS
+                ),
+                ("by hand in C",),
+            ),
+        }
     return [
-        pairs.row(id, f"wake-up latency at {rate} Hz, {figure}", figure, other, "us")
+        pairs.row(id, f"wake-up latency at {rate} Hz, {policy}, {figure}", figure, other, "us")
+        for policy, (pairs, others) in policies.items()
         for other in others
         for figure in ("p50", "p99")
     ]
@@ -44,6 +61,12 @@ def _cyclictest(rate: int, count: int) -> dict[str, float]:
     return _figures([float(m[1]) for m in re.finditer(r"^\s*0:\s*\d+:\s*(\d+)\s*$", text, re.MULTILINE)])
 
 
+def _c(program: Path, rate: int, count: int) -> dict[str, float]:
+    command = [str(program), str(clocks.SECOND // rate), str(count), str(realtime.PRIORITY), str(clocks.SPIN)]
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return _figures([float(line) for line in text.splitlines()])
+
+
 def _figures(latencies: list[float]) -> dict[str, float]:
     p50, p99 = np.percentile(latencies, [50, 99])
     return {"p50": float(p50), "p99": float(p99)}
@@ -52,7 +75,9 @@ def _figures(latencies: list[float]) -> dict[str, float]:
 def _measure(kind: str, rate: int, count: int) -> dict[str, float]:
     realtime.enter()
     late = []
-    if kind == "ours":
+    if kind in ("sleeping", "spinning"):
+        if kind == "sleeping":
+            clocks.SPIN = 0
         clock = MonotonicClock(Fraction(rate))
         clock.start()
         for _ in range(count):

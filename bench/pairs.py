@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 PAIRS = 20
+LEAST = 5  # pairs, however long they take
+LONG, BRIEF = 20.0, 5.0  # s after which a measurement takes no further pair; BRIEF in a quick set
+QUICK = "SRL_BENCH_QUICK"  # environment: set for a quick set
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +27,7 @@ class Row:
         ratio: median over pairs of ours / other.
         control: median over pairs of ours / ours again: the effect of noise alone.
         interval, control_interval: 95 % of the bootstrapped medians of both; None where there are no pairs.
+        pairs: how many were measured; 0 where there are none.
         aim: in words; holds: whether it is met, None if there is none.
     """
 
@@ -38,27 +43,45 @@ class Row:
     holds: bool | None = None
     interval: tuple[float, float] | None = None
     control_interval: tuple[float, float] | None = None
+    pairs: int = 0
 
     def figures(self) -> dict[str, Any]:
         """Returns the row for `--json`."""
         return asdict(self)
 
 
+class PartlyError(Exception):
+    """A part of a bench failed: its text says which and why; `rows` are those of the rest."""
+
+    def __init__(self, why: str, rows: list[Row]) -> None:
+        super().__init__(why)
+        self.rows = rows
+
+
 def measure(
     ours: Callable[[], dict[str, float]], others: dict[str, Callable[[], dict[str, float]]], pairs: int = PAIRS
 ) -> Pairs:
-    """Runs ours, each other, and ours again, `pairs` times.
+    """Runs ours, each other, and ours again, `pairs` times, or as often as the time lasts (`rounds`).
 
     Each callable returns figures by name (e.g. p50 and p99); all return the same names.
     """
     first, again = [], []
     rest: dict[str, list[dict[str, float]]] = {name: [] for name in others}
-    for _ in range(pairs):
+    for _ in rounds(pairs):
         first.append(ours())
         for name, other in others.items():
             rest[name].append(other())
         again.append(ours())
     return Pairs(first, again, rest)
+
+
+def rounds(most: int) -> Iterator[int]:
+    """Counts to `most`, or as far as the time lasts, but `LEAST` times at least."""
+    until = time.monotonic() + (BRIEF if os.environ.get(QUICK) else LONG)
+    for count in range(most):
+        if count >= LEAST and time.monotonic() > until:
+            return
+        yield count
 
 
 def there_and_back(
@@ -99,12 +122,13 @@ class Pairs:
         theirs = [m[figure] for m in self.others[other]]
         ratios = [a / b for a, b in zip(ours, theirs, strict=True) if b]
         controls = [a / m[figure] for a, m in zip(ours, self.again, strict=True) if m[figure]]
-        ratio, control = statistics.median(ratios), statistics.median(controls)
+        ratio = statistics.median(ratios)
+        control = round(statistics.median(controls), 3) if controls else None  # what is always 0 has none
         return Row(
             id=id, what=what, ours=round(statistics.median(ours), 3), other=round(statistics.median(theirs), 3),
             other_name=other,
-            ratio=round(ratio, 3), control=round(control, 3), unit=unit, aim=aim, holds=holds(ratio) if holds else None,
-            interval=_interval(ratios), control_interval=_interval(controls),
+            ratio=round(ratio, 3), control=control, unit=unit, aim=aim, holds=holds(ratio) if holds else None,
+            interval=_interval(ratios), control_interval=_interval(controls) if controls else None, pairs=len(ours),
         )  # fmt: skip
 
 

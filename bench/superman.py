@@ -1,8 +1,8 @@
 """SUPER-MAN: the cost of MOCA's cycle at 1 kHz by phase, and its laws compared with mink and pink on the same task.
 
-In a simulated run the read phase contains MuJoCo. So the cycle's decisions (control, guard, log) are also measured
-separately, over the rows of a simulated run: back to back, and once per millisecond, when other programs have used the
-caches in between.
+A simulated run's phases come with MuJoCo's part of each, as it was measured (`bench.phases`). The cycle's decisions
+(control, guard, log) are also measured separately, over the rows of a simulated run: back to back, and once per
+millisecond, when other programs have used the caches in between.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import differential_ik
-from bench.pairs import PAIRS, Pairs, Row, measure
+from bench import differential_ik, phases
+from bench.pairs import PAIRS, Pairs, Row, measure, rounds
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.words import CYCLE, DEVICE, State
 from runtime.loop import realtime
@@ -52,8 +52,9 @@ def _simulated() -> list[Row]:
 
     period = dict.fromkeys(("read", "control", "guard", "write", "log", "whole"), 1e6 / RATE)
     pairs = measure(ours, {"the period": lambda: period}, PAIRS // 2)
-    what = "moca-man --sim --fast, {} (p50; read has MuJoCo in it)"
-    return [pairs.row("superman-simulated", what.format(name), name, "the period", "us") for name in period]
+    what = "moca-man --sim --fast, {}, p50"
+    rows = [pairs.row("superman-simulated", what.format(name), name, "the period", "us") for name in period]
+    return rows + phases.run("superman-simulated", "moca-man")
 
 
 def _alone() -> list[Row]:
@@ -179,7 +180,7 @@ def _blocks() -> dict[str, list[dict[str, float]]]:
                 wait()
             return {}
 
-        for _ in range(PAIRS):
+        for _ in rounds(PAIRS):
             found["hot"].append(decisions.cycles(BLOCK))
             found["pinocchio"].append(decisions.pinocchio())
             found["hot again"].append(decisions.cycles(BLOCK))
