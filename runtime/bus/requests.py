@@ -110,7 +110,7 @@ class Requests:
 
     def stops(self) -> frozenset[str]:
         """The keys of the command that never waits."""
-        return frozenset(keys.command("stop") for keys in self._keys_of if keys.role != "observer")
+        return frozenset(keys.command("stop") for keys in self._keys_of if not keys.reads_only)
 
     def only_reads(self, key: str) -> bool:
         """Whether a key is that of a role that commands nothing."""
@@ -118,7 +118,7 @@ class Requests:
 
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
         """The functions that take samples, by key."""
-        return {keys.setpoints: partial(self._put_setpoint, keys) for keys in self._keys_of if keys.role != "observer"}
+        return {keys.setpoints: partial(self._put_setpoint, keys) for keys in self._keys_of if not keys.reads_only}
 
     def strangers(self) -> dict[str, Callable[[zenoh.Query], None]]:
         """The functions that answer queries for names that aren't there, by the expression of all keys of the kind.

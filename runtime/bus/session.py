@@ -134,7 +134,7 @@ def _access(keys: Keys, config: BusConfig) -> dict[str, Any]:
             own = Keys(keys.instance, role)
             rules.append({"id": role, "flows": ["ingress"], "messages": ["query"], "key_exprs": [f"{own.asked}/**"]})
             given = ["read", "presence", "speak", role]
-            if role != "observer":
+            if not own.reads_only:
                 into = f"{role}'s setpoints"
                 rules.append({"id": into, "flows": ["ingress"], "messages": ["put"], "key_exprs": [own.setpoints]})
                 given.append(into)

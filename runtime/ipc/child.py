@@ -17,6 +17,15 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 _PR_SET_PDEATHSIG = 1
 
 
+def end_with_parent(by: signal.Signals) -> None:
+    """From now on the kernel sends this process a signal when its parent dies, in whatever way.
+
+    Args:
+        by: the signal.
+    """
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(by), 0, 0, 0)
+
+
 @contextmanager
 def starting() -> Iterator[None]:
     """The supervisor's side: a process that is started meanwhile has its signals blocked until its `Ending`."""
@@ -42,7 +51,7 @@ class Ending:
         self.on_ask: Callable[[], None] = lambda: None
         signal.signal(signal.SIGTERM, self._ask)
         signal.signal(signal.SIGINT, self._ask if interrupt else signal.SIG_IGN)
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
+        end_with_parent(signal.SIGTERM)
         parent = os.environ.get(PARENT)
         self.orphan = parent is not None and os.getppid() != int(parent)
         self.asked = self.orphan

@@ -30,12 +30,14 @@ class Keys:
     Attributes:
         instance: its name.
         role: the role, one of ROLES, whose requests these keys are; None: a client on this machine.
+        reads_only: whether the role may ask for nothing.
         root: what is read.
         asked: what is asked.
     """
 
     def __init__(self, instance: str, role: str | None = None) -> None:
         self.instance, self.role = instance, role
+        self.reads_only = role == "observer"
         self.root = f"srl/{slug(instance)}"
         self.asked = self.root if role is None else f"{self.root}/as/{role}"
         self.status = f"{self.root}/status"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import os
 import shutil
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import HostError
+from runtime.ipc.child import end_with_parent
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
@@ -29,7 +29,6 @@ SRL: list[str] = [sys.executable, "-m", "runtime"]  # a test puts a program here
 NAME: Final = "trial"
 PATIENCE: Final = 60.0  # s
 PAUSE: Final = 0.005  # s between two looks
-_PR_SET_PDEATHSIG: Final = 1
 PROCESSES: Final = ("loop", "bus", "recorder")
 
 
@@ -170,7 +169,7 @@ class LiveRun:
 
 def _end_with_us() -> None:
     """In the run's process, before it is one: it ends safely when whoever runs the trial is killed, or Ctrl-C'd."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
+    end_with_parent(signal.SIGTERM)
 
 
 def lives(pid: int) -> bool:

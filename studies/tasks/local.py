@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -12,11 +11,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Final
 
+from runtime.ipc.child import end_with_parent
 from studies.tasks.task import LOST
 from studies.tasks.worker import perform
 
 TRIES: Final = 3  # times that a worker may die of one task
-_PR_SET_PDEATHSIG: Final = 1
 
 
 def cores() -> int:
@@ -103,6 +102,6 @@ class _pool:  # noqa: N801
 def _begin(client: int) -> None:
     """A worker's first instructions: Ctrl-C is for the client, and nobody works for a client that has died."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    end_with_parent(signal.SIGKILL)
     if os.getppid() != client:
         os._exit(1)
