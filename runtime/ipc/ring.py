@@ -46,8 +46,10 @@ class _Ring:
             size = os.fstat(descriptor).st_size
             if size < PAGE:
                 raise RecordingError(str(path), "the file is too short to be a ring", "It wasn't written by srl")
-            access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
-            self._map = mmap.mmap(descriptor, size, access=access)
+            # The writer's pages are mapped now: else each is a fault in the loop, until all rows were written once.
+            flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if writable else 0)
+            protection = mmap.PROT_READ | (mmap.PROT_WRITE if writable else 0)
+            self._map = mmap.mmap(descriptor, size, flags, protection)
         except OSError as error:
             raise RecordingError(str(path), f"the ring can't be mapped: {error.strerror}", "Free memory") from None
         finally:
