@@ -133,13 +133,17 @@ def _read(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
 def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> None:
     pem = serialization.Encoding.PEM
     secret = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    made: list[Path] = []
     for file, content, mode in (
         (folder / f"{name}.key", secret, 0o600),
         (folder / f"{name}.pem", certificate.public_bytes(pem), 0o644),
     ):
         try:
             descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, mode)
+            made.append(file)
             with os.fdopen(descriptor, "wb") as opened:
                 opened.write(content)
         except OSError as error:
+            for half in made:  # else the next call would find a key without its certificate, and refuse
+                half.unlink(missing_ok=True)
             raise HostError(str(file), f"can't be written: {error.strerror}", "Name a folder you may write") from None

@@ -19,7 +19,7 @@ from runtime.bus import certificates, session
 from runtime.bus.certificates import authority, sign
 from runtime.bus.client import connect
 from runtime.cli import main
-from runtime.contracts.errors import RequestError
+from runtime.contracts.errors import HostError, RequestError
 from runtime.contracts.tls import TlsConfig
 from runtime.profile.bus import BusConfig
 from runtime.profile.keys import Keys
@@ -195,6 +195,16 @@ def test_a_network_address_needs_roles() -> None:
         BusConfig(listen=("tls/0.0.0.0:7447",), tls=tls)
     with pytest.raises(ValueError, match="one role"):
         BusConfig(listen=("tls/0.0.0.0:7447",), tls=tls, roles={"observer": ("anna",), "operator": ("anna",)})
+
+
+def test_a_certificate_that_cannot_be_written_leaves_no_key_behind(tmp_path: Path) -> None:
+    authority(tmp_path)
+    (tmp_path / "anna.pem").symlink_to("nowhere")  # not followed, and in the way
+    with pytest.raises(HostError, match="can't be written"):
+        sign(tmp_path, "anna", [], 1)
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["anna.pem", "ca.key", "ca.pem"]
+    (tmp_path / "anna.pem").unlink()
+    sign(tmp_path, "anna", [], 1)
 
 
 def test_the_command_makes_the_files_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
