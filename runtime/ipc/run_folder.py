@@ -40,6 +40,11 @@ class RunFolder:
         self.lock: int | None = None  # of a claimed folder; what inherits it keeps the claim
 
     @property
+    def sockets(self) -> tuple[Path, ...]:
+        """What is bound in the folder; the kernel bounds the length of each one's path."""
+        return self.loop_socket, self.stop_socket, self.bus_socket, self.press_socket, self.guide_socket
+
+    @property
     def evidence(self) -> tuple[Path, ...]:
         """What a black box holds."""
         return self.rows, self.events, self.layout, self.launch
@@ -56,7 +61,7 @@ class RunFolder:
             HostError: another process runs this instance, the folder can't be made or used, or another user could
             replace it.
         """
-        if len(str(self.loop_socket)) > _SOCKET_PATH:
+        if max(len(os.fsencode(socket)) for socket in self.sockets) > _SOCKET_PATH:
             raise HostError(
                 str(self.path), f"the path is too long for a Unix socket ({_SOCKET_PATH} bytes)",
                 "Set SRL_RUNTIME_DIR to a shorter one, best on tmpfs",

@@ -86,3 +86,11 @@ def test_another_users_link_on_the_way_is_refused(tmp_path: Path, parent: Path) 
     os.chown(tmp_path / "link", OTHER, OTHER, follow_symlinks=False)
     with pytest.raises(HostError, match="belongs to another user"):
         RunFolder(tmp_path / "link" / "finger").claim()
+
+
+def test_a_path_that_any_socket_could_not_bear_is_refused_before_the_run(parent: Path) -> None:
+    """The bus's, of a longer name than the loop's, would fail once the limb moves."""
+    room = 107 - len(str(parent / "x" / "zenoh.sock"))
+    RunFolder(parent / ("x" * (1 + room))).claim()
+    with pytest.raises(HostError, match="too long for a Unix socket"):
+        RunFolder(parent / ("x" * (2 + room))).claim()
