@@ -73,10 +73,11 @@ def _pause(name: str, seconds: tuple[float, float]) -> Callable[[LiveRun, np.ran
         pid = run.process.pid if name == "supervisor" else run.children()[name]
         os.kill(pid, signal.SIGSTOP)
         end = time.monotonic() + float(rng.uniform(*seconds))
-        with contextlib.suppress(Exception):
+        try:
             run.until(lambda: time.monotonic() > end, "the pause's end")
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGCONT)
+        finally:
+            with contextlib.suppress(ProcessLookupError):  # killed while it stood still
+                os.kill(pid, signal.SIGCONT)
 
     return make
 
