@@ -1,16 +1,24 @@
-"""`srl doctor`: checks whether this host is fit for the requested rate."""
+"""`srl doctor`: checks whether this host is fit for a profile, and says what mends it."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import datetime
 import json
+import shlex
+from collections.abc import Iterator
 from fractions import Fraction
+from pathlib import Path
 
-from runtime.cli import add_command
-from runtime.contracts.errors import RequestError
-from runtime.profile import profile
-from runtime.service.host import examine, python
+from runtime.cli import add_command, calibrations
+from runtime.contracts.errors import RequestError, SrlError
+from runtime.ipc.ring import file_size
+from runtime.loop.process import rows_kept
+from runtime.profile import profile, wiring
+from runtime.service.fitness.finding import Finding
+from runtime.service.host import Wanted, examine, python
+from runtime.service.supervisor import state_dir
 
 _MARKS = {"good": "ok", "doubtful": "??", "bad": "!!"}
 
@@ -18,8 +26,9 @@ _MARKS = {"good": "ok", "doubtful": "??", "bad": "!!"}
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "doctor", "srl doctor sixth-finger")
-    parser.add_argument("profile", nargs="?", help="take the rate and the ports from this profile")
+    parser.add_argument("profile", nargs="?", help="take the rate, the ports and all else from this profile")
     parser.add_argument("--rate", help="Hz; default: the profile's, else 100")
+    parser.add_argument("--recordings", type=Path, default=Path(), metavar="FOLDER", help="where recordings go")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(run=run)
@@ -27,26 +36,76 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Prints the findings. Returns 0 if nothing is bad, else 1."""
-    rate, ports = Fraction(100), {}
+    rate = None if args.rate is None else _rate(args.rate)
+    wanted = Wanted(rate or Fraction(100), state_dir("doctor"), args.recordings.expanduser().absolute())
+    findings = list[Finding]()
     if args.profile is not None:
-        checked, _ = profile.load(args.profile, args.set)
-        rate = checked.rate
-        ports = {n: str(d.options["port"]) for n, d in checked.devices.items() if "port" in d.options}
-    if args.rate is not None:
-        try:
-            rate = Fraction(args.rate)
-        except (ValueError, ZeroDivisionError):
-            rate = Fraction(0)
-        if not 1 <= rate <= 10_000:
-            raise RequestError("--rate", f"'{args.rate}' is no rate", "Give 1 to 10000 Hz")
-    findings = list(examine(rate, ports))
+        wanted, of_profile = _of(args.profile, args.set, wanted, rate)
+        findings += of_profile
+    findings += examine(wanted)
     fit = all(f.verdict != "bad" for f in findings)
     if args.json:
-        content = {"rate_hz": float(rate), "fit": fit, "findings": [dataclasses.asdict(f) for f in findings]}
+        content = {"rate_hz": float(wanted.rate), "fit": fit, "findings": [dataclasses.asdict(f) for f in findings]}
         print(json.dumps(content))
     else:
-        print(f"{python()}; for {float(rate):g} Hz:")
+        print(f"{python()}; for {float(wanted.rate):g} Hz:")
         for f in findings:
-            print(f"  {_MARKS[f.verdict]}  {f.what}: {f.found}" + (f". {f.remedy}." if f.remedy else ""))
+            remedy = f". {f.remedy}" + (":" if f.command else "." * (f.remedy[-1:] != ".")) if f.remedy else ""
+            print(f"  {_MARKS[f.verdict]}  {f.what}: {f.found}{remedy}")
+            if f.command:
+                print(f"      $ {f.command}")
         print("fit" if fit else "not fit: mend what is marked !!")
     return 0 if fit else 1
+
+
+def _rate(text: str) -> Fraction:
+    try:
+        rate = Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        rate = Fraction(0)
+    if not 1 <= rate <= 10_000:
+        raise RequestError("--rate", f"'{text}' is no rate", "Give 1 to 10000 Hz")
+    return rate
+
+
+def _of(name: str, overrides: list[str], wanted: Wanted, rate: Fraction | None) -> tuple[Wanted, list[Finding]]:
+    """What a profile asks of the host, and what is found of the profile itself and its files. Raises ProfileError."""
+    checked, source = profile.load(name, overrides)
+    ports = {n: str(d.options["port"]) for n, d in checked.devices.items() if "port" in d.options}
+    wanted = dataclasses.replace(
+        wanted,
+        rate=rate or checked.rate,
+        state=state_dir(checked.name),
+        ports=ports,
+        listens=checked.bus.listen if checked.bus is not None else (),
+    )
+    findings = [*_certificates(checked)]
+    words = shlex.join([name, *(word for override in overrides for word in ("--set", override))])
+    try:
+        graph = wiring.build(checked, source)
+    except SrlError as error:  # a calibration that isn't there, for one: the host is looked at all the same
+        said = Finding("profile", "bad", f"{error.place}: {error.problem}", error.remedy, f"srl check {words}")
+        return wanted, [said, *findings]
+    buses = {d.traffic.bus: d.traffic.bitrate for d in graph.devices if d.traffic is not None}
+    rows = file_size(graph.layout.width, rows_kept(wanted.rate))
+    of_files = calibrations.doubts(source.files.kept, datetime.date.today())
+    findings += [
+        Finding("profile", "doubtful", doubt, "See the whole profile as checked", f"srl check {words}")
+        for doubt in (*graph.doubts, *of_files)
+    ]
+    return dataclasses.replace(wanted, buses=buses, rows=rows), findings
+
+
+def _certificates(checked: profile.Profile) -> Iterator[Finding]:
+    tls = checked.bus.tls if checked.bus is not None else None
+    if tls is None:
+        return
+    from runtime.bus.certificate_doubts import doubts
+
+    found = list(doubts(tls))
+    for doubt in found:
+        yield Finding(
+            "certificates of the bus", "bad" if doubt.bad else "doubtful", doubt.problem, doubt.remedy, doubt.command
+        )
+    if not found:
+        yield Finding("certificates of the bus", "good", tls.certificate)

@@ -32,6 +32,11 @@ _SETTLED, _UNSAVED = 1, 2
 Words = NDArray[np.int64]
 
 
+def file_size(width: int, capacity: int) -> int:
+    """Bytes of a ring of `capacity` rows of `width` payload words."""
+    return PAGE + capacity * (width + 2) * 8
+
+
 class _Ring:
     """The mapped file; see the module's docstring."""
 
@@ -59,7 +64,7 @@ class _Ring:
             raise RecordingError(str(path), "the file isn't a ring", "It wasn't written by this version of srl")
         self.width, self.capacity = int(self.header[_WIDTH]), int(self.header[_CAPACITY])
         consumed, head = self.consumed, self.head  # in this order: `head` is written first
-        whole = self.width > 0 and self.capacity > 0 and size == PAGE + self.capacity * (self.width + 2) * 8
+        whole = self.width > 0 and self.capacity > 0 and size == file_size(self.width, self.capacity)
         if not whole or not 0 <= consumed <= head:
             problem = f"the ring is damaged: {size} bytes aren't {self.capacity} rows of {self.width} words"
             if whole:
@@ -128,7 +133,7 @@ class RingWriter(_Ring):
             header = np.zeros(PAGE // 8, np.int64)
             header[[_MAGIC, _WIDTH, _CAPACITY]] = MAGIC, width, capacity
             file.write(header.tobytes())
-            size = PAGE + capacity * (width + 2) * 8
+            size = file_size(width, capacity)
             try:
                 os.posix_fallocate(file.fileno(), 0, size)  # reserve the space now: otherwise SIGBUS in the loop
             except OSError as error:

@@ -69,7 +69,7 @@ class RunFolder:
         try:
             self.path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)  # whatever the umask
             self.path.mkdir(mode=MODE, exist_ok=True)
-            _check_owners(self.path)
+            check_owners(self.path)
             os.chmod(self.path, MODE)  # an older one may let others in
             self.lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
             os.close(os.open(self.panel_lock, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600))
@@ -121,9 +121,12 @@ class RunFolder:
         return False
 
 
-def _check_owners(path: Path) -> None:
+def check_owners(path: Path, own: bool = True) -> None:
     """Checks that nobody but this user (and root) can replace the folder: it and all above it are theirs.
 
+    Args:
+        path: the folder.
+        own: it is an instance's, so this user's alone, and `claim` closes it; else it is one above it.
     Raises:
         HostError: another user owns one of them, or may write it.
         OSError: one of them can't be looked at.
@@ -132,11 +135,12 @@ def _check_owners(path: Path) -> None:
     ours = (os.geteuid(), 0)
     for folder in dict.fromkeys((path.absolute(), *path.absolute().parents, *path.resolve().parents)):
         status = folder.lstat()
-        if status.st_uid not in (ours[:1] if folder == path.absolute() else ours):
+        its_own = own and folder == path.absolute()
+        if status.st_uid not in (ours[:1] if its_own else ours):
             raise HostError(str(folder), "the folder belongs to another user, who could replace the instance's", remedy)
         # Where the sticky bit is set (/tmp), only its owner can replace what is in it.
         if stat.S_ISDIR(status.st_mode) and status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX:
-            if folder == path.absolute():
+            if its_own:
                 continue  # `claim` closes it
             raise HostError(str(folder), "others may write this folder, and so replace the instance's", remedy)
 

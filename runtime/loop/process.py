@@ -13,6 +13,7 @@ import os
 import socket
 import sys
 import time
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,11 @@ from runtime.profile.graph import Graph
 KEPT = 30  # s of rows that the ring holds: how long a recorder may be absent
 LEAST = 4096  # least number of rows in the ring
 READS = 16  # reads before the first cycle: more than any buffer holds
+
+
+def rows_kept(rate: Fraction) -> int:
+    """How many rows the ring of a loop at this rate (Hz) holds."""
+    return max(LEAST, KEPT * round(float(rate)))
 
 
 class AskedToEndError(BaseException):
@@ -137,8 +143,7 @@ class Process:
         requests = RequestQueue(self.run_folder, graph, self.stops)
         self._end_safely(requests)
         slots = self._slots(graph)
-        capacity = max(LEAST, KEPT * round(float(graph.profile.rate)))
-        ring = RingWriter.create(self.run_folder.rows, graph.layout.width, capacity)
+        ring = RingWriter.create(self.run_folder.rows, graph.layout.width, rows_kept(graph.profile.rate))
         self._ring = ring
         loop = Loop(graph, self.devices, clock, cycle, requests, ring)
         self._watch(loop, graph, slots)

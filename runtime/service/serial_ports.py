@@ -24,10 +24,11 @@ _OWN = 5  # letters of a serial number, at least, that is a device's own: adapte
 
 
 class Obstacle(NamedTuple):
-    """Why a port can't be opened."""
+    """Why a port can't be opened; `command` is what to type, where that mends it."""
 
     problem: str
     remedy: str
+    command: str = ""
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,8 @@ def obstacle(port: str) -> Obstacle | None:
         owner = "dialout"
     if owner == "root":  # joining it would give far more than the port
         return Obstacle(f"{path} may not be opened", "Install deploy/99-srl.rules, which gives it to the group dialout")
-    return Obstacle(f"{path} may not be opened", f"sudo usermod -aG {owner} $USER, then log in again")
+    command = f"sudo usermod -aG {owner} $USER"
+    return Obstacle(f"{path} may not be opened", f"{command}, then log in again", command)
 
 
 def holder(port: str) -> str | None:

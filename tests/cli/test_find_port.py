@@ -17,7 +17,8 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from runtime.cli import find_port, main
 from runtime.profile.ports import local_path
-from runtime.service import host, serial_ports
+from runtime.service import serial_ports
+from runtime.service.fitness import serial
 
 ROOT = Path(__file__).parents[2]
 
@@ -119,7 +120,7 @@ def test_a_port_that_may_not_be_opened_has_its_remedy(
     assert f"you can't open it: {pty} may not be opened. sudo usermod -aG dialout $USER, then log in again" in text
     (told,) = json.loads(said(capsys, "--json"))["ports"]
     assert "usermod -aG dialout" in told["obstacle"]["remedy"]
-    (finding,) = host._port("finger", pty)  # `srl doctor` says the same
+    (finding,) = serial.ports({"finger": pty})  # `srl doctor` says the same
     assert (finding.verdict, finding.remedy) == ("bad", told["obstacle"]["remedy"])
     group.gr_name = "root"
     assert "usermod" not in said(capsys)  # nobody is told to join root
@@ -132,7 +133,7 @@ def test_who_holds_a_port_is_named(
     assert "has it open" not in said(capsys)
     descriptor = os.open(pty, os.O_RDWR | os.O_NOCTTY)
     assert f"({os.getpid()}) has it open" in said(capsys)
-    (finding,) = host._port("finger", pty)  # `srl doctor` says the same
+    (finding,) = serial.ports({"finger": pty})  # `srl doctor` says the same
     assert finding.verdict == "doubtful"
     assert f"({os.getpid()}) has it open" in finding.found
     os.close(descriptor)
@@ -282,4 +283,4 @@ def test_which_ports_are_paths_of_this_machine(port: str, path: str | None) -> N
     assert local_path(port) == path
     lack = serial_ports.obstacle(port)
     assert (lack is not None and lack.problem == f"{path} isn't there") == (path is not None)
-    assert len(list(host._port("finger", port))) == (path is not None)
+    assert len(list(serial.ports({"finger": port}))) == (path is not None)

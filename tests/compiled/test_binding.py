@@ -18,7 +18,7 @@ from runtime.contracts.errors import WiringError
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
-from runtime.service.host import examine
+from runtime.service.fitness import processor
 
 
 def frozen(size: int) -> Any:
@@ -123,7 +123,7 @@ def test_c_alone_is_refused_where_there_is_none(monkeypatch: pytest.MonkeyPatch)
     found = Lockstep(graph()).graph.layout.meta["backend"]
     assert (found["wanted"], found["computed"]) == ("auto", "python")
     assert found["guards"] == {"finger.position_command": "python: the laws in C aren't installed: no compiler"}
-    finding = next(f for f in examine(profile.load("sixth-finger")[0].rate, {}) if f.what == "laws and guards")
+    finding = processor.laws()  # of `srl doctor`
     assert (finding.verdict, finding.found) == ("doubtful", "the laws in C aren't installed: no compiler")
 
 

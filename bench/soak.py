@@ -1,0 +1,295 @@
+"""A long run on twins: whether memory grows, descriptors stay open, the loop's pages fault, or cycles are lost.
+
+    python -m bench.soak                          # an hour of moca-man at 250 Hz
+    python -m bench.soak --minutes 10 --sim       # fakes in the loop's process, where the twins can't keep up
+
+The twins are a process of their own, so the loop holds drivers and no simulation. An overrun is counted and doesn't
+stop the limb. Where it stops for another cause, it is reset as a person would do it, and that is counted, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import IO, Any, Final
+
+import numpy as np
+
+from runtime.contracts.errors import HostError, SrlError
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.layout import Layout
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import CYCLE, Cause, State
+
+PROFILE: Final = "moca-man"  # the shipped one with the most devices, laws and commands
+PERIOD: Final = 1.0  # s between two looks
+PATIENCE: Final = 300.0  # s for a start or an end, on a loaded machine
+RESETS: Final = 5.0  # s between two resets
+MIB: Final = 1 << 20
+_SRL: Final = (sys.executable, "-m", "runtime")
+_MODULES: Final = ("loop", "bus", "recorder")
+
+
+@dataclass
+class Watched:
+    """What was seen of one process.
+
+    Attributes:
+        at: s since the soak began.
+        own: bytes of memory that are its own: not the rows, which all share.
+        open, threads: how many descriptors and threads it has.
+        faults, main: minor faults since it began, of all threads and of the main one, which runs the cycle.
+    """
+
+    at: list[float] = field(default_factory=list)
+    own: list[int] = field(default_factory=list)
+    open: list[int] = field(default_factory=list)
+    threads: list[int] = field(default_factory=list)
+    faults: list[int] = field(default_factory=list)
+    main: list[int] = field(default_factory=list)
+
+    def look(self, pid: int, at: float) -> None:
+        """Adds what the kernel says now. Raises OSError: it has gone."""
+        of = Path(f"/proc/{pid}")
+        _, resident, shared, *_ = map(int, (of / "statm").read_text().split())
+        # From the third field of proc(5) on.
+        whole, main = ((of / name).read_text().rpartition(")")[2].split() for name in ("stat", f"task/{pid}/stat"))
+        descriptors = len(os.listdir(of / "fd"))
+        self.at.append(at)
+        self.own.append((resident - shared) * os.sysconf("SC_PAGE_SIZE"))
+        self.open.append(descriptors)
+        self.threads.append(int(whole[17]))
+        self.faults.append(int(whole[7]))
+        self.main.append(int(main[7]))
+
+    def judged(self, warm_up: float) -> Line | None:
+        """The line of the table; None: it was seen for too short a time."""
+        at = np.array(self.at)
+        after = at >= warm_up
+        if np.count_nonzero(after) < 4:
+            return None
+        at, own = at[after] / 3600, np.array(self.own)[after] / MIB
+        half = len(at) // 2
+        first, second = (float(np.polyfit(at[part], own[part], 1)[0]) for part in (slice(half), slice(half, None)))
+        descriptors, minutes = np.array(self.open)[after], 60 * (at[-1] - at[0])
+        faults, main = (float(np.ptp(np.array(counts)[after]) / minutes) for counts in (self.faults, self.main))
+        return Line(
+            float(own[0]), float(own[-1]), first, second, int(descriptors[0]), int(descriptors[-1]),
+            int(descriptors.max()), self.threads[-1], faults, main,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Line:
+    """A process after its warm-up: MiB of its own, their slopes in MiB an hour, descriptors, minor faults a minute.
+
+    A leak has the same slope in both halves; what is still warming up has less in the second.
+    """
+
+    begun: float
+    ended: float
+    first_half: float
+    second_half: float
+    open_begun: int
+    open_ended: int
+    open_most: int
+    threads: int
+    faults: float
+    main: float
+
+
+@dataclass
+class Soak:
+    """What came about.
+
+    Attributes:
+        seconds: how long it was watched.
+        cycles, active: cycles that were seen, and in how many of them the limb was active.
+        lost: periods that the loop missed; rows that overtook this reader are in `unseen`.
+        resets: how often the limb was started again, by cause.
+        ended: why it ended before its time; "" if it didn't.
+    """
+
+    processes: dict[str, Watched] = field(default_factory=dict)
+    seconds: float = 0.0
+    cycles: int = 0
+    active: int = 0
+    lost: int = 0
+    unseen: int = 0
+    resets: dict[str, int] = field(default_factory=dict)
+    ended: str = ""
+    summary: dict[str, Any] = field(default_factory=dict)
+
+
+def soak(name: str, sim: bool, minutes: float, rate: float, overrides: list[str], say: IO[str]) -> Soak:
+    """Runs it. Raises HostError: the twins didn't begin."""
+    made = Soak()
+    with ExitStack() as stack:
+        folder = Path(tempfile.mkdtemp(prefix="srl-soak-"))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        in_memory = Path(tempfile.mkdtemp(prefix="srl-", dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None))
+        stack.callback(shutil.rmtree, in_memory, ignore_errors=True)
+        os.environ |= {"SRL_RUNTIME_DIR": str(in_memory), "STATE_DIRECTORY": str(folder / "state")}
+        watched: dict[str, subprocess.Popen[str]] = {}
+        if sim:
+            arguments = ["run", name, "--sim", *_set(overrides)]
+        else:
+            command = [*_SRL, "twin", name, *_set(overrides), "--json"]
+            watched["twins"] = stack.enter_context(_begun(command))
+            arguments = json.loads(_line(watched["twins"]))["run"]
+        own = [f"rate={rate:g}", "clock=monotonic", "faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
+        more = ["--instance", "soak", "--json", "--record", str(folder / "soak.rrd"), *_set(own)]
+        with (folder / "said").open("w+") as said:
+            run = watched["supervisor"] = stack.enter_context(_begun([*_SRL, *arguments, *more], said))
+            try:
+                _watch(made, RunFolder.of("soak"), watched, 60 * minutes, say)
+                run.terminate()
+                out, _ = run.communicate(timeout=PATIENCE)
+                made.summary = json.loads(out.splitlines()[-1])
+            except (HostError, ValueError, IndexError, subprocess.TimeoutExpired) as error:
+                run.kill()
+                said.seek(0)
+                made.ended = f"{error} {said.read().strip()[-600:]}"
+    return made
+
+
+def _watch(
+    made: Soak, where: RunFolder, watched: dict[str, subprocess.Popen[str]], seconds: float, say: IO[str]
+) -> None:
+    begun = time.monotonic()
+    while not (where.layout.exists() and where.rows.exists()):
+        if watched["supervisor"].poll() is not None or time.monotonic() > begun + PATIENCE:
+            raise HostError("soak", "the run didn't begin", "Look at what it said")
+        time.sleep(0.1)
+    layout = Layout.load(where.layout)
+    begun = next_reset = time.monotonic()
+    with RingReader(where.rows) as reader:
+        while (at := time.monotonic() - begun) < seconds:
+            pids = {name: process.pid for name, process in watched.items()}
+            for name, pid in (pids | _children(pids["supervisor"])).items():
+                with suppress(OSError):  # a helper that has ended is started again
+                    made.processes.setdefault(name, Watched()).look(pid, at)
+            if any(process.poll() is not None for process in watched.values()):
+                raise HostError("soak", "the run or its twins ended early", "Look at what it said")
+            made.seconds = at
+            _take(made, reader)
+            row = reader.newest()
+            if row is not None and row[CYCLE.state] == State.STOPPED and time.monotonic() > next_reset:
+                next_reset = time.monotonic() + RESETS
+                cause = Cause(int(row[CYCLE.cause]))
+                why = f"{cause.name.lower()} {layout.culprit(cause, int(row[CYCLE.culprit]))}".strip()
+                made.resets[why] = made.resets.get(why, 0) + 1
+                send_request(where, "reset")
+            if sys.stderr.isatty():
+                print(f"\r{at / 60:6.1f} of {seconds / 60:g} min, lost {made.lost} ", end="", file=say, flush=True)
+            time.sleep(PERIOD)
+        _take(made, reader)
+        made.unseen = reader.lost
+
+
+def _take(made: Soak, reader: RingReader) -> None:
+    while len(rows := reader.take()):
+        made.cycles += len(rows)
+        made.active += int(np.count_nonzero(rows[:, CYCLE.state] == State.ACTIVE))
+        made.lost = int(rows[-1, CYCLE.overruns])
+
+
+def _children(pid: int) -> dict[str, int]:
+    """The run's processes by name."""
+    found: dict[str, int] = {}
+    with suppress(OSError):
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            line = Path(f"/proc/{child}/cmdline").read_bytes().decode(errors="replace").split("\0")
+            found |= {name: int(child) for name in _MODULES if f"runtime.{name}" in line}
+    return found
+
+
+def _set(overrides: list[str]) -> list[str]:
+    return [word for override in overrides for word in ("--set", override)]
+
+
+@contextmanager
+def _begun(command: list[str], said: IO[str] | None = None) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, stdin=subprocess.DEVNULL, text=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _line(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    if not select.select([process.stdout], [], [], PATIENCE)[0] or not (line := process.stdout.readline()):
+        raise HostError("srl twin", "it didn't begin", "Try it by itself; is the machine overloaded?")
+    return line
+
+
+def table(made: Soak, warm_up: float) -> tuple[dict[str, Line], list[str]]:
+    """The lines by process, and the same as a table in Markdown."""
+    judged = {name: watched.judged(warm_up) for name, watched in sorted(made.processes.items())}
+    lines = {name: line for name, line in judged.items() if line is not None}
+    text = [
+        "| process | own memory, MiB | MiB an hour: first half, second | descriptors | threads |"
+        " minor faults a minute: all, main thread |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, line in lines.items():
+        memory = f"{line.begun:.1f} to {line.ended:.1f} | {line.first_half:+.1f}, {line.second_half:+.1f}"
+        opened = f"{line.open_begun} to {line.open_ended}, at most {line.open_most}"
+        text.append(f"| {name} | {memory} | {opened} | {line.threads} | {line.faults:.0f}, {line.main:.0f} |")
+    return lines, text
+
+
+def main() -> int:
+    """Runs and prints it. Returns 0, or 1: the loop's pages faulted, descriptors grew, or cycles were lost."""
+    parser = argparse.ArgumentParser(prog="python -m bench.soak", description=__doc__.split("\n")[0])
+    parser.add_argument("profile", nargs="?", default=PROFILE, help="all of its devices must have twins (%(default)s)")
+    parser.add_argument("--minutes", type=float, default=60.0, help="how long (%(default)g)")
+    parser.add_argument("--warm-up", type=float, default=60.0, metavar="S", help="that don't count (%(default)g)")
+    parser.add_argument("--rate", type=float, default=250.0, help="Hz of the loop (%(default)g)")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for srl run")
+    parser.add_argument("--sim", action="store_true", help="fakes in the loop's process in place of twins")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    args = parser.parse_args()
+    try:
+        made = soak(args.profile, args.sim, args.minutes, args.rate, args.set, sys.stderr)
+        lines, text = table(made, args.warm_up)
+    except SrlError as error:
+        print(f"\nbench.soak: {error}", file=sys.stderr)
+        return 2
+    whole = bool(made.summary.get("recording_complete"))
+    good = not made.ended and whole and not made.lost and "loop" in lines and not lines["loop"].main
+    good &= all(line.open_ended <= line.open_begun for line in lines.values())
+    figures = {
+        "profile": args.profile, "on": "fakes" if args.sim else "twins", "rate_hz": args.rate,
+        "minutes": round(made.seconds / 60, 1), "cycles": made.cycles, "active": made.active, "lost": made.lost,
+        "unseen": made.unseen, "resets": made.resets, "recording_complete": whole,
+        "restarts": made.summary.get("restarts"), "ended_early": made.ended, "good": good,
+    }  # fmt: skip
+    if args.json:
+        print(json.dumps(figures | {"processes": {name: asdict(line) for name, line in lines.items()}}))
+    else:
+        print("\n".join(["", *text, "", ", ".join(f"{name} {value}" for name, value in figures.items())]))
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""Checks the serial ports of a profile, the latency of USB adapters, and whether the udev rules are installed."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from pathlib import Path
+
+from runtime.profile.ports import local_path
+from runtime.service.fitness.finding import Finding, read
+from runtime.service.serial_ports import holder, obstacle
+
+_RULES = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
+_INSTALL = (
+    "sudo install -m 644 deploy/99-srl.rules /etc/udev/rules.d/ && "
+    "sudo udevadm control --reload && sudo udevadm trigger"
+)
+
+
+def ports(wanted: Mapping[str, str]) -> Iterator[Finding]:
+    """Each device's port, by the device's name."""
+    for name, port in wanted.items():
+        if (path := local_path(port)) is not None:
+            yield _port(name, port, path)
+
+
+def _port(name: str, port: str, path: str) -> Finding:
+    what = f"port of {name}"
+    lack = obstacle(port)
+    if lack is None and (program := holder(path)) is not None:
+        return Finding(
+            what, "doubtful", f"{path}: {program} has it open", "End that program, if it isn't this run",
+            f"fuser -v {path}",
+        )  # fmt: skip
+    if lack is None:
+        return Finding(what, "good", f"{path} may be opened")
+    if os.path.exists(path):
+        return Finding(what, "bad", lack.problem, lack.remedy, lack.command or _INSTALL)
+    return Finding(
+        what, "bad", lack.problem, f"{lack.remedy}; set it with --set devices.{name}.port=...", "srl find-port"
+    )
+
+
+def latency(rate: Fraction) -> Iterator[Finding]:
+    """How long each USB adapter keeps an answer back."""
+    for path in sorted(glob.glob("/sys/bus/usb-serial/devices/*/latency_timer")):
+        milliseconds = int(read(path) or 0)
+        what = f"USB latency of {path.split('/')[-2]}"
+        if milliseconds > 1 and milliseconds * 1e-3 > 0.2 / float(rate):
+            yield Finding(
+                what, "doubtful", f"{milliseconds} ms: each answer may wait that long",
+                "Until it is plugged in again; the udev rules do it always", f"echo 1 | sudo tee {path}",
+            )  # fmt: skip
+        else:
+            yield Finding(what, "good", f"{milliseconds} ms")
+
+
+def rules(wanted: Mapping[str, str]) -> Iterator[Finding]:
+    """Whether the udev rules are there, if a device has a serial port."""
+    if not any(local_path(port) for port in wanted.values()):
+        return
+    found = [path for folder in _RULES for path in sorted(Path(folder).glob("*-srl.rules"))]
+    if found:
+        yield Finding("udev rules", "good", str(found[0]))
+    else:
+        yield Finding(
+            "udev rules", "doubtful", "no *-srl.rules in /etc/udev/rules.d: ports may belong to root, and be slow",
+            "Install them, in the checkout", _INSTALL,
+        )  # fmt: skip
