@@ -1,11 +1,11 @@
-# make setup | demo | test | slow | lint | docs | bench | bench-quick
+# make setup | demo | test | slow | lint | docs | bench | bench-quick | soak
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/python -m pytest
 OUT := out
 
-.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial lint docs bench bench-quick clean
+.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial lint docs bench bench-quick soak clean
 
 setup: $(VENV)/.ready
 
@@ -58,6 +58,10 @@ bench: setup
 
 bench-quick: setup
 	$(BIN)/python -m bench --quick
+
+# An hour.
+soak: setup
+	$(BIN)/python -m bench.soak
 
 clean:
 	rm -rf $(VENV) $(OUT) .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info runtime/_compiled.*.so
