@@ -177,12 +177,12 @@ def _watch(
     begun = next_reset = time.monotonic()
     with RingReader(where.rows) as reader:
         while (at := time.monotonic() - begun) < seconds:
+            if any(process.poll() is not None for process in watched.values()):
+                raise HostError("soak", "the run or its twins ended early", "Look at what it said")
             pids = {name: process.pid for name, process in watched.items()}
             for name, pid in (pids | _children(pids["supervisor"])).items():
                 with suppress(OSError):  # a helper that has ended is started again
                     made.processes.setdefault(name, Watched()).look(pid, at)
-            if any(process.poll() is not None for process in watched.values()):
-                raise HostError("soak", "the run or its twins ended early", "Look at what it said")
             made.seconds = at
             _take(made, reader)
             row = reader.newest()

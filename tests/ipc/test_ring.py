@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import resource
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -86,3 +89,18 @@ def test_what_isnt_a_ring_is_refused(tmp_path: Path) -> None:
     for name in ("text", "short", "missing"):
         with pytest.raises(RecordingError):
             RingReader(tmp_path / name)
+
+
+@pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="needs a folder in memory, where run folders are")
+def test_the_writer_takes_no_fault_at_pages_it_writes_for_the_first_time() -> None:
+    width, capacity = 254, 512  # two rows a page
+    with (
+        tempfile.TemporaryDirectory(dir="/dev/shm") as folder,
+        RingWriter.create(Path(folder) / "rows", width, capacity) as writer,
+    ):
+        row = np.zeros(width, np.int64)
+        writer.append(row)
+        before = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
+        for _ in range(capacity - 1):
+            writer.append(row)
+        assert resource.getrusage(resource.RUSAGE_THREAD).ru_minflt - before < 25

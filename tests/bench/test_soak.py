@@ -1,0 +1,26 @@
+"""What the soak sees of a process: memory that grows, a descriptor that stays open, pages that fault."""
+
+from __future__ import annotations
+
+import os
+from contextlib import ExitStack
+
+import pytest
+
+from bench.soak import Watched
+
+
+def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
+    watched, kept = Watched(), list[bytes]()
+    with ExitStack() as opened:
+        for at in range(40):
+            kept.append(bytes([at]) * (1 << 20))  # 1 MiB a second
+            if at == 30:
+                opened.enter_context(open(os.devnull))
+            watched.look(os.getpid(), float(at))
+    line = watched.judged(warm_up=10.0)
+    assert line is not None
+    assert (line.first_half, line.second_half) == pytest.approx((3600.0, 3600.0), rel=0.2)
+    assert line.open_ended == line.open_begun + 1
+    assert line.main > 0.5 * 60 * (1 << 20) / os.sysconf("SC_PAGE_SIZE")
+    assert watched.judged(warm_up=38.0) is None
