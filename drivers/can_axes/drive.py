@@ -25,6 +25,9 @@ class Drive:
         position, velocity, effort, temperature, voltage: rad, rad/s, N m, degC, V of the axis and its drive.
         armed: it has taken its first command, and moves.
         woken: ns, when it was told to begin; -1: it wasn't.
+        first: the command that it was woken with; 0 for a velocity or a torque.
+        left: ns, when a command last left for it; -1: none has since it was opened.
+        refused: ns, since when the bus takes no command for it; -1: it takes them.
         error: what the drive itself says is wrong, in words; "" while it says that all is well.
         dropped: why it stopped to obey, in words; stays until a reset.
         lost: why its position can't be trusted any more; a reset doesn't help, unless it is absolute.
@@ -45,6 +48,9 @@ class Drive:
     voltage: float = float("nan")
     armed: bool = False
     woken: int = -1
+    first: float = 0.0
+    left: int = -1
+    refused: int = -1
     error: str = ""
     dropped: str = ""
     lost: str = ""

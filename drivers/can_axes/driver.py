@@ -61,8 +61,7 @@ class CanAxes(Driver):
         self._repeats = 0
         self._now = 0
         self._foreign = self._blocked = ""
-        self._left = -1  # ns, when commands last left; -1: none since the drives were opened
-        self._refused = -1  # ns, since when the bus takes none; -1: it takes them
+        self._begun = False  # all obeyed since the last LIMP
         self._counts = [0, 0]  # frames, errors
         self._message = ""
         self._held: dict[int, can.Message] = {}  # the newest command by drive
@@ -135,9 +134,9 @@ class CanAxes(Driver):
         try:
             for drive in self.drives:
                 drive.forget()
-                drive.heard, drive.silent = -1, False
+                drive.heard, drive.left, drive.refused, drive.silent = -1, -1, -1, False
             self._foreign = self._blocked = ""
-            self._left = self._refused = -1
+            self._begun = False
             self._message = self.identify(link)
             for drive in self.drives:
                 self._place(drive, first)
@@ -201,7 +200,7 @@ class CanAxes(Driver):
                 drive.release()
                 drive.dropped = drive.dropped or "didn't begin to obey within a second"
                 self._dismiss(i)
-        if 0 <= self._refused < now - REFUSED:
+        if any(0 <= drive.refused < now - REFUSED for drive in self.drives):
             self._blocked = (
                 "the bus takes no commands: nobody acknowledges them, or the adapter is bus-off. Check cable, supply "
                 "and terminators"
@@ -216,41 +215,38 @@ class CanAxes(Driver):
         self._held = {k: message for k, message in self._held.items() if k != i}
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. Until every drive obeys, all hold what they began with, and nothing counts as sent."""
+        """See `Driver.write`. Until every drive obeys, none goes on from its first command; a torque is given at once.
+
+        Each drive has a frame of its own, so of a bus that takes some of them those count as sent.
+        """
         link = self._open_link()
         self._now = now
         values = self.command_arrays[self._command]
         if not np.isfinite(values).all():
             return
-        self._let_go = False
+        self._let_go, held = False, dict(self._held)
         try:
-            messages, begun = dict[int, can.Message](), True
-            for i, drive in enumerate(self.drives):
-                if drive.stopped or self._foreign or self._strayed(i, float(values[i]), now):
+            for i, (drive, wanted) in enumerate(zip(self.drives, values.tolist(), strict=True)):
+                if drive.stopped or self._foreign or self._strayed(drive, wanted, now):
                     continue
-                if not drive.armed and not self._wake(link, i, float(values[i]), now):
-                    begun = False
+                if not drive.armed and not self._wake(link, i, wanted, now):
                     continue
-                messages[i] = self.input(i, float(values[i]))
-            if messages and self._leaves(link, messages, now) and begun:
-                self._held = messages
-                self.sent_arrays[self._command][:] = values
+                value = wanted if self._begun or self.config.mode == "torque" else drive.first
+                message = self.input(i, value)
+                if link.write(message):
+                    held[i], drive.left, drive.refused = message, now, -1
+                    self.sent_arrays[self._command][i] = value
+                elif drive.refused < 0:
+                    drive.refused = now
         except DeviceLostError as error:
             self.health.lost(error.problem)
             raise
+        self._held = held
+        self._begun = self._begun or all(drive.armed or drive.stopped for drive in self.drives)
 
-    def _leaves(self, link: CanLink, messages: dict[int, can.Message], now: int) -> bool:
-        """Sends the commands; returns whether all have left."""
-        if not self._send(link, list(messages.values())):
-            self._refused = now if self._refused < 0 else self._refused
-            return False
-        self._left, self._refused = now, -1
-        return True
-
-    def _strayed(self, i: int, value: float, now: int) -> bool:
+    def _strayed(self, drive: Drive, value: float, now: int) -> bool:
         """Whether an axis went, or may have gone, away from its command while none left: it would be pulled back."""
-        drive = self.drives[i]
-        if not drive.armed or self.config.mode != "position" or now - self._left <= PAUSE:
+        if not drive.armed or self.config.mode != "position" or now - drive.left <= PAUSE:
             return False
         if now - drive.sampled > PAUSE:  # only frames from within the pause have been read so far
             return True
@@ -260,19 +256,22 @@ class CanAxes(Driver):
         return True
 
     def _wake(self, link: CanLink, i: int, value: float, now: int) -> bool:
-        """Begins with a drive; returns whether it obeys."""
+        """Begins with a drive; returns whether it obeys. Till then it is given its first command; without one, rest."""
         drive = self.drives[i]
         if drive.woken < 0:
             if self.config.mode == "position" and abs(value - drive.position) > self.config.start_tolerance:
                 drive.far = FAR
                 return False
-            if self._send(link, self.waking(i, value)):
-                drive.woken = now
+            drive.first = value if self.config.mode == "position" else 0.0
+            left = self._send(link, self.waking(i, value))
+            drive.woken = now if left else -1
         elif self.obeys(i):
             drive.armed = True
             return True
         else:
-            self._send(link, [self.input(i, value if self.config.mode == "position" else 0.0)])
+            left = link.write(self.input(i, drive.first))
+        if left:
+            self.sent_arrays[self._command][i] = drive.first
         return False
 
     def stop(self, category: Stop) -> None:
@@ -283,7 +282,7 @@ class CanAxes(Driver):
         with contextlib.suppress(DeviceError):  # the next read reports a lost link
             if category is Stop.LIMP:
                 if not self._let_go:
-                    self._let_go, self._since, self._held = True, self._now, {}
+                    self._let_go, self._begun, self._since, self._held = True, False, self._now, {}
                     self._repeated, self._repeats = self._now - REPEAT, 0
                     for drive in self.drives:
                         drive.release()
@@ -317,8 +316,8 @@ class CanAxes(Driver):
         """See `Driver.recover`: clears the drives' errors. They are without torque from then on."""
         link = self._open_link()
         self._foreign = self._blocked = ""
-        self._refused = -1
         for i, drive in enumerate(self.drives):
+            drive.refused = -1
             if drive.stopped:
                 drive.forget()
                 self._send(link, self.clearing(i))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from drivers.mit_can import protocol
 from drivers.mit_can.config import MitCanConfig
 from drivers.mit_can.models import Range
@@ -33,17 +31,13 @@ class Axes:
         return value / self.scale[i] + self._motors[i].zero - self.offset[i]
 
     def clear(self, i: int, value: float) -> float:
-        """A position within its joint's travel, whatever the guard was told."""
+        """A position within its joint's travel, whatever the guard was told; a velocity or torque as it is."""
+        if not self._positions:
+            return value
         motor = self._motors[i]
         assert motor.lower is not None
         assert motor.upper is not None
         return min(max(value, motor.lower), motor.upper)
-
-    def within(self, command: Array) -> Array:
-        """The command (n,) as it leaves: positions within the travel; velocities and torques as they are."""
-        if self._positions:
-            return np.array([self.clear(i, value) for i, value in enumerate(command.tolist())])
-        return command
 
     def encode(self, i: int, wanted: Impedance) -> bytes:
         """The frame's data, of a command at the shaft."""

@@ -12,28 +12,26 @@ from typing import Final
 PAUSE: Final = 20_000_000  # ns without a frame for it, after which a CubeMars may have let go
 
 
-class Doubts:
-    """By motor, since when it is doubted, and where it stood then.
+class Doubt:
+    """Since when a motor is doubted, and where it stood then.
 
     Attributes:
-        moved: rad of the shaft by which each was found elsewhere when its doubt ended, by its number.
+        moved: rad of the shaft by which it was found elsewhere when its doubt ended; None if it wasn't.
     """
 
-    def __init__(self, n: int) -> None:
-        self._since = [-1] * n  # ns; -1: no doubt
-        self._stood = [0.0] * n  # as the drive says it
-        self.moved: dict[int, float] = {}
+    def __init__(self) -> None:
+        self._since = -1  # ns; -1: no doubt
+        self._stood = 0.0  # as the drive says it
+        self.moved: float | None = None
 
-    def forget(self, i: int) -> None:
+    def forget(self) -> None:
         """It gets no commands any more."""
-        self._since[i] = -1
-        self.moved.pop(i, None)
+        self._since, self.moved = -1, None
 
-    def look(self, i: int, now: int, left: int, heard: int, silent: bool, position: float, most: float) -> bool:
-        """Whether motor `i` is to be damped.
+    def look(self, now: int, left: int, heard: int, silent: bool, position: float, most: float) -> bool:
+        """Whether the motor is to be damped.
 
         Args:
-            i: its number.
             now: ns of this cycle.
             left: ns of the newest frame for it that left.
             heard: ns of its newest reply.
@@ -41,15 +39,15 @@ class Doubts:
             position: rad, what it said last.
             most: rad by which it may be elsewhere and go on; beyond, `moved` says it.
         """
-        if self._since[i] < 0 and (silent or now - left > PAUSE):
-            self._since[i], self._stood[i] = now, position
-        if self._since[i] < 0:
+        if self._since < 0 and (silent or now - left > PAUSE):
+            self._since, self._stood = now, position
+        if self._since < 0:
             return False
-        if silent or heard <= self._since[i]:
+        if silent or heard <= self._since:
             return True
-        away = position - self._stood[i]
-        self._since[i] = -1
+        away = position - self._stood
+        self._since = -1
         if abs(away) > most:
-            self.moved[i] = away
+            self.moved = away
             return True
         return False

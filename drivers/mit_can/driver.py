@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from math import inf
+from math import inf, isfinite
 from typing import Final
 
 import can
@@ -14,11 +14,10 @@ from drivers.mit_can import declare, protocol
 from drivers.mit_can.axes import Axes
 from drivers.mit_can.config import MitCanConfig
 from drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
-from drivers.mit_can.doubt import Doubts
 from drivers.mit_can.faults import MitFaults, warnings
 from drivers.mit_can.line import Line, command_ids
+from drivers.mit_can.motor import Motor, Stage
 from drivers.mit_can.opening import Opening, same_place, stoppable
-from drivers.mit_can.plausible import Plausible
 from drivers.mit_can.protocol import Impedance, State
 from drivers.mit_can.replies import Replies
 from runtime.contracts.driver import Driver, Traffic
@@ -35,7 +34,6 @@ HOLDS: Final = 0.05  # s, up to which a position is near to where a CubeMars tha
 CLEARED: Final = 50_000_000  # ns: a drive packs its reply before it obeys
 UNHEARD: Final = 40_000_000  # ns without a status, after which a V3 may have started anew
 JUMP: Final = 0.3  # rad of the shaft between two replies that no motion explains
-_OFF, _WAKING, _ARMED = 0, 1, 2
 
 
 class MitCan(Driver):
@@ -58,7 +56,7 @@ class MitCan(Driver):
     def __init__(self, name: str, config: MitCanConfig) -> None:
         super().__init__(name, config)
         self.config: MitCanConfig = config
-        motors = self._motors = list(config.motors.values())
+        motors = list(config.motors.values())
         self._v3, self._damiao = config.generation == "v3", config.maker == "damiao"
         self._kind = KINDS[config.interface]
         self.states = declare.states(config)
@@ -78,18 +76,8 @@ class MitCan(Driver):
         self._forget()
 
     def _forget(self) -> None:
-        n = len(self.config.motors)
-        self._wire: list[float] = [0.0] * n  # the newest position, as the drive says it
-        self._heard = [-1] * n  # ns, of the newest reply
-        self._on = [False] * n  # a Damiao: it said so
-        self._stage = [_OFF] * n
-        self._since = [0] * n  # ns, of the present stage
-        self._asked = [0] * n  # ns, of the last attempt to enable
-        self._last: list[bytes] = [b""] * n  # the newest commands
-        self._doubts = Doubts(n)
-        self._before = [0.0] * n  # the command before, in the axis' unit
-        self._plausible = [Plausible() for _ in range(n)]
-        self._wrote, self._complete = -1, False  # complete: all were armed since the last stop
+        self._motors: list[Motor] = []
+        self._begun = False  # all were armed since the last stop
         self._cleared = -1  # ns, until which replies may still show errors that were cleared
         self._writing = self._moved = False
         self._rest = Stop.DAMP  # what an enabled motor without a command does
@@ -110,7 +98,7 @@ class MitCan(Driver):
             stoppable(link, self.config, self._place)
             found = Opening(link, self.config, self._place, self.patience).find()
             if self.health.was_open:
-                stood = [wire + offset for wire, offset in zip(self._wire, self._axes.offset, strict=True)]
+                stood = [motor.position + self._axes.offset[motor.number] for motor in self._motors]
                 same_place(found, stood, self.config, self._place)
         except BaseException:
             link.close()
@@ -120,17 +108,14 @@ class MitCan(Driver):
         self._replies.spans = found.spans
         self.limits = {self._name: declare.limits(self.config, found.spans)}
         self._faults.clear()
-        self._damp = [axes.encode(i, Impedance(kd=motor.damping)) for i, motor in enumerate(self._motors)]
-        self._slack = [axes.encode(i, Impedance()) for i in range(len(self._motors))]
-        self._held = list(self._damp)
-        for i, state in enumerate(found.states):
-            self._wire[i] = state.position
+        for i, (motor, state) in enumerate(zip(self.config.motors.values(), found.states, strict=True)):
+            damp, slack = axes.encode(i, Impedance(kd=motor.damping)), axes.encode(i, Impedance())
+            self._motors.append(Motor(i, motor, damp, slack, state.position, on=not self._damiao))
             axes.fill(self.state_arrays, i, state)
-            self._judge(i, state, -1)
-        if not self._damiao:
-            self._on = [True] * len(self._on)
+            self._judge(self._motors[i], state, -1)
         line = self._line = Line(link, self.config, self._place)
-        self._damped, self._limp = line.stop_frames(self._damp, off=False), line.stop_frames(self._slack, off=True)
+        self._damped = line.stop_frames([motor.damp for motor in self._motors], off=False)
+        self._limp = line.stop_frames([motor.slack for motor in self._motors], off=True)
         self.health.opened()
         self.health.fault = self._faults.text()
         self._words = found.words
@@ -147,15 +132,15 @@ class MitCan(Driver):
         """See `Driver.read`."""
         line = self._open_line()
         try:
-            if self._heard[0] < 0:
-                self._heard = [now] * len(self._heard)
+            for motor in self._motors:
+                motor.heard = now if motor.heard < 0 else motor.heard
             for message in line.link.read():
                 self._take(line, message, line.link.stamp(message, now))
             self.health.errors = self._replies.strange
             self._look(line, now)
             if not self._writing:
-                for i in range(len(self._on)):
-                    self._damp_or_ask(line, i, now)
+                for motor in self._motors:
+                    self._damp_or_ask(line, motor, now)
         except DeviceLostError as error:
             self.health.lost(error.problem)
             raise
@@ -163,50 +148,38 @@ class MitCan(Driver):
         self.health.fault = self._faults.text()
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. A motor is enabled with damping alone first; then its stiffness rises within `ramp`."""
+        """See `Driver.write`. A motor is enabled with damping alone first; then its stiffness rises within `ramp`.
+
+        Until all are armed, none goes on from its first command; a torque is given at once. Each motor has a frame of
+        its own, so of a bus that takes some of them those count as sent.
+        """
         line = self._open_line()
-        self._writing = True
-        command = self.command_arrays[self._name]
-        dt = (now - self._wrote) * 1e-9 if self._wrote >= 0 else 0.0
-        values, faults = command.tolist(), self._faults
-        finite, complete = np.isfinite(command).tolist(), True
+        self._writing = self._moved = True
         try:
-            for i, value in enumerate(values):
-                if self._stage[i] != _ARMED and not (finite[i] and self._arm(line, i, value, now)):
-                    complete &= self._complete and faults.concerns(i)  # the others go on without it
-                    continue
-                if finite[i]:
-                    self._last[i] = self._axes.encode(i, self._wanted(i, value, dt, now))
-                if self._doubtful(line, i, now):
-                    line.send(i, self._damp[i], now)
-                    complete = False
-                    continue
-                complete &= line.send(i, self._last[i] or self._damp[i], now) and finite[i]
+            for motor, value in zip(self._motors, self.command_arrays[self._name].tolist(), strict=True):
+                if motor.armed or (isfinite(value) and self._arm(line, motor, value, now)):
+                    self._command(line, motor, value, now)
         except DeviceLostError as error:
             self.health.lost(error.problem)
             raise
-        self._wrote, self._moved = now, True
-        if complete:
-            self._complete = True
-            self.sent_arrays[self._name][:] = self._axes.within(command)
+        self._begun = self._begun or all(motor.armed for motor in self._motors)
 
     def stop(self, category: Stop) -> None:
         """See `Driver.stop`. DAMP: damping alone, again in each call. LIMP: no torque; a Damiao is disabled, too."""
         line = self._line
         if line is None or category not in (Stop.DAMP, Stop.LIMP):
             return
-        self._rest, self._writing, self._complete = category, True, False
-        for i in range(len(self._stage)):
-            self._disarm(i)
-        frames = self._damp if category is Stop.DAMP else self._slack
+        self._rest, self._writing, self._begun = category, True, False
         with contextlib.suppress(DeviceError):  # the next read reports a lost link
-            for i, frame in enumerate(frames):
-                if self._damiao and not self._on[i]:
-                    line.ask(i)
+            for motor in self._motors:
+                motor.disarm()
+            for motor in self._motors:
+                if self._damiao and not motor.on:
+                    line.ask(motor.number)
                     continue
-                line.send(i, frame)
+                line.send(motor.number, motor.damp if category is Stop.DAMP else motor.slack)
                 if category is Stop.LIMP and self._damiao:
-                    line.tell(i, protocol.DISABLE)
+                    line.tell(motor.number, protocol.DISABLE)
 
     def close(self) -> None:
         """See `Driver.close`.
@@ -219,12 +192,12 @@ class MitCan(Driver):
             return
         if self.health.connected:
             with contextlib.suppress(DeviceError):
-                for i in range(len(self._stage)):
-                    if self._kind is not Kind.POSITION and self._stage[i] == _ARMED:
-                        line.send(i, self._damp[i])
+                for motor in self._motors:
+                    if self._kind is not Kind.POSITION and motor.armed:
+                        line.send(motor.number, motor.damp)
                     if not self._damiao and not self._moved:
-                        line.send(i, self._slack[i])
-                        line.tell(i, protocol.DISABLE)
+                        line.send(motor.number, motor.slack)
+                        line.tell(motor.number, protocol.DISABLE)
         self._refused += line.refused
         self.health.connected = False
         line.link.close()
@@ -241,9 +214,10 @@ class MitCan(Driver):
         """
         if category is Stop.LIMP:
             return self._limp
-        if category is Stop.DAMP or self._kind is not Kind.POSITION or _ARMED not in self._stage:
+        armed = any(motor.armed for motor in self._motors)
+        if category is Stop.DAMP or self._kind is not Kind.POSITION or not armed:
             return self._damped
-        held = tuple(self._held)
+        held = tuple([motor.held for motor in self._motors])
         if self._frames[0] != held and self._line is not None:
             self._frames = held, self._line.stop_frames(held, off=False)
         return self._frames[1]
@@ -263,8 +237,8 @@ class MitCan(Driver):
         self._cleared = now + CLEARED
         for i in list(faults.errors):
             line.tell(i, protocol.CLEAR)
-            self._on[i] = False
-            self._disarm(i)
+            self._motors[i].on = False
+            self._motors[i].disarm()
         faults.clear()
         self.health.fault = ""
 
@@ -274,71 +248,84 @@ class MitCan(Driver):
 
     # -- commands
 
-    def _wanted(self, i: int, value: float, dt: float, now: int) -> Impedance:
-        """The drive's command for a value of the axis."""
-        motor, axes = self._motors[i], self._axes
-        if self._kind is Kind.VELOCITY:
-            return Impedance(velocity=value / axes.scale[i], kd=motor.kd)
-        if self._kind is Kind.TORQUE:
-            return Impedance(kd=motor.kd, torque=value * axes.scale[i])
-        shaft = axes.shaft(i, value := axes.clear(i, value))
-        speed = (value - self._before[i]) / dt / axes.scale[i] if 0 < dt < PERIOD * 5 and self._last[i] else 0.0
-        self._before[i] = value
-        ramp = self.config.ramp * 1e9
-        share = min(1.0, (now - self._since[i]) / ramp) if ramp > 0 else 1.0
-        self._held[i] = axes.encode(i, Impedance(shaft, 0.0, motor.kp * share, motor.kd))
-        return Impedance(shaft, speed, motor.kp * share, motor.kd)
+    def _command(self, line: Line, motor: Motor, value: float, now: int) -> None:
+        """Sends an armed motor its command, in the axis' unit; what leaves, counts as sent."""
+        i = motor.number
+        if self._doubtful(line, motor, now):
+            line.send(i, motor.damp, now)
+            return
+        if not isfinite(value):
+            line.send(i, motor.last or motor.damp, now)
+            return
+        if not self._begun and self._kind is not Kind.TORQUE:
+            value = motor.first
+        value = self._axes.clear(i, value)
+        held = motor.damp
+        if self._kind is Kind.POSITION:
+            wanted = self._position(motor, value, now)
+            held = self._axes.encode(i, Impedance(wanted.position, 0.0, wanted.kp, wanted.kd))
+        elif self._kind is Kind.VELOCITY:
+            wanted = Impedance(velocity=value / self._axes.scale[i], kd=motor.config.kd)
+        else:
+            wanted = Impedance(kd=motor.config.kd, torque=value * self._axes.scale[i])
+        frame = self._axes.encode(i, wanted)
+        if line.send(i, frame, now):
+            motor.left(frame, value, held, now)
+            self.sent_arrays[self._name][i] = value
 
-    def _arm(self, line: Line, i: int, value: float, now: int) -> bool:
+    def _position(self, motor: Motor, value: float, now: int) -> Impedance:
+        """The drive's command for a position of the axis, with the speed since the one that left before."""
+        config, scale, dt = motor.config, self._axes.scale[motor.number], (now - motor.at) * 1e-9
+        speed = (value - motor.value) / dt / scale if motor.last and 0 < dt < PERIOD * 5 else 0.0
+        ramp = self.config.ramp * 1e9
+        share = min(1.0, (now - motor.since) / ramp) if ramp > 0 else 1.0
+        return Impedance(self._axes.shaft(motor.number, value), speed, config.kp * share, config.kd)
+
+    def _arm(self, line: Line, motor: Motor, value: float, now: int) -> bool:
         """Brings a motor to the point from which it may get commands; True once it is there. Sends for it till then."""
-        faults = self._faults
-        if self._stage[i] == _OFF:
+        faults, i = self._faults, motor.number
+        if motor.stage is Stage.OFF:
             away = abs(value - self.state_arrays["position"].item(i)) if self._kind is Kind.POSITION else 0.0
             if away > self.config.start_tolerance * abs(self._axes.scale[i]):
                 faults.far[i] = away
             if faults.concerns(i):
-                self._damp_or_ask(line, i, now)
+                self._damp_or_ask(line, motor, now)
                 return False
-            self._stage[i], self._since[i], self._asked[i] = _WAKING, now, -AGAIN
-        if self._on[i]:
-            self._stage[i], self._since[i], self._last[i] = _ARMED, now, b""
+            motor.wake(now, -AGAIN)
+        if motor.on:
+            motor.arm(now, value if self._kind is Kind.POSITION else 0.0)
             self._rest = Stop.DAMP
             return True
-        if now - self._since[i] > ASLEEP:
+        if now - motor.since > ASLEEP:
             faults.asleep.add(i)
-        if now - self._asked[i] >= AGAIN and i not in faults.asleep:
-            self._asked[i] = now
+        if now - motor.asked >= AGAIN and i not in faults.asleep:
+            motor.asked = now
             line.tell(i, protocol.ENABLE)
-        line.send(i, self._damp[i], now)  # at once: an enabled drive may act on an older command
+        line.send(i, motor.damp, now)  # at once: an enabled drive may act on an older command
         return False
 
-    def _disarm(self, i: int) -> None:
-        """A motor gets no command before it was armed again; until then no stop frame repeats its last one."""
-        self._stage[i], self._last[i], self._held[i] = _OFF, b"", self._damp[i]
-        self._doubts.forget(i)
-
-    def _damp_or_ask(self, line: Line, i: int, now: int) -> None:
+    def _damp_or_ask(self, line: Line, motor: Motor, now: int) -> None:
         # After a device fault the loop sends no commands: a limb that held its position must not sink then.
         if self._v3 and not self.config.enable_at_open and not self._moved:
             return  # its status comes by itself
-        if self._damiao and not self._on[i]:
-            line.ask(i)
+        if self._damiao and not motor.on:
+            line.ask(motor.number)
             return
-        held = self._damp[i] if self._doubtful(line, i, now) else self._held[i]
-        line.send(i, self._slack[i] if self._rest is Stop.LIMP else held, now)
+        held = motor.damp if self._doubtful(line, motor, now) else motor.held
+        line.send(motor.number, motor.slack if self._rest is Stop.LIMP else held, now)
 
-    def _doubtful(self, line: Line, i: int, now: int) -> bool:
-        """Whether a CubeMars by position is to be damped, since it may have let go; see `Doubts`."""
-        if self._damiao or self._stage[i] != _ARMED or self._kind is not Kind.POSITION:
+    def _doubtful(self, line: Line, motor: Motor, now: int) -> bool:
+        """Whether a CubeMars by position is to be damped, since it may have let go; see `Doubt`."""
+        if self._damiao or not motor.armed or self._kind is not Kind.POSITION:
             return False
-        heard, turn, most = self._heard[i], self._motors[i].turn, self.config.start_tolerance
-        silent = line.pending[i] >= UNANSWERED and now - heard > (UNHEARD if self._v3 else SILENT)
+        i, turn, most = motor.number, motor.config.turn, self.config.start_tolerance
+        silent = line.pending[i] >= UNANSWERED and now - motor.heard > (UNHEARD if self._v3 else SILENT)
         most = min(most, turn / 4 if turn is not None else JUMP)
-        if not self._doubts.look(i, now, line.left[i], heard, silent, self._wire[i], most):
+        if not motor.doubt.look(now, line.left[i], motor.heard, silent, motor.position, most):
             return False
-        if (away := self._doubts.moved.get(i)) is not None:
+        if (away := motor.doubt.moved) is not None:
             self._faults.jumped.setdefault(i, away)
-            self._disarm(i)
+            motor.disarm()
         return True
 
     # -- replies
@@ -352,45 +339,49 @@ class MitCan(Driver):
             self._faults.foreign.add(i)
             return
         self.health.frames += 1
-        self._heard[i], line.pending[i] = now, 0
-        self._judge(i, reply.state, now)
+        self._motors[i].heard = now
+        if line.doubled(i, now):
+            self._faults.doubled.add(i)
+        self._judge(self._motors[i], reply.state, now)
         self._axes.fill(self.state_arrays, i, reply.state)
 
-    def _judge(self, i: int, state: State, now: int) -> None:
+    def _judge(self, motor: Motor, state: State, now: int) -> None:
         """Takes what a reply says of the motor's well-being."""
-        faults, config = self._faults, self.config
+        faults, config, i = self._faults, self.config, motor.number
         if (words := protocol.in_words(state.code, self._damiao)) and now >= self._cleared:
             faults.errors[i] = words
         if self._damiao:
             if state.code == 1:
-                self._on[i] = True
-            elif self._on[i]:
-                self._on[i] = False
-                if self._stage[i] == _ARMED:
-                    self._disarm(i)
+                motor.on = True
+            elif motor.on:
+                motor.on = False
+                if motor.armed:
+                    motor.disarm()
                     if state.code == 0:
                         faults.limp.add(i)
             faults.judge(i, state.hottest, config.hot, now)
-        by = state.position - self._wire[i]
-        self._wire[i] = state.position
-        self._plausible[i].take(by, state.velocity, now)
+        by = state.position - motor.position
+        motor.position = state.position
+        motor.plausible.take(by, state.velocity, now)
         if abs(by) > JUMP + abs(state.velocity) * 0.1 and i not in faults.jumped:
             faults.jumped[i] = by
-            self._disarm(i)  # its next command would drive it back by as much
+            motor.disarm()  # its next command would drive it back by as much
 
     def _look(self, line: Line, now: int) -> None:
         """Who is silent, who is warm."""
         faults = self._faults
-        for i, heard in enumerate(self._heard):
-            if line.pending[i] >= UNANSWERED and now - heard > (STATUS if self._v3 else SILENT):
+        heard = [motor.heard for motor in self._motors]
+        for i, at in enumerate(heard):
+            if line.pending[i] >= UNANSWERED and now - at > (STATUS if self._v3 else SILENT):
                 faults.silent.add(i)
-        if now - max(self._heard) > LOST:
+        if now - max(heard) > LOST:
             raise DeviceLostError(
                 self._place, f"no motor has answered for {LOST / 1e9:g} s", "Check the bus' cable and the motors' power"
             )
-        self.health.stamp = min(self._heard)
+        self.health.stamp = min(heard)
+        plausible = [motor.plausible for motor in self._motors]
         self.health.message = "; ".join(
-            [self._words, *warnings(self.config, self.state_arrays["temperature"], self._plausible)]
+            [self._words, *warnings(self.config, self.state_arrays["temperature"], plausible)]
         )
 
     def _open_line(self) -> Line:

@@ -25,6 +25,7 @@ class MitFaults:
         asleep: motors that don't enable.
         hot: temperatures, degC.
         foreign: motors that another program commands.
+        doubled: motors for which another one answers, too.
     """
 
     def __init__(self, motors: Mapping[str, MotorConfig]) -> None:
@@ -42,16 +43,17 @@ class MitFaults:
         self.asleep: set[int] = set()
         self.hot: dict[int, float] = {}
         self.foreign: set[int] = set()
+        self.doubled: set[int] = set()
         self._since.clear()
 
     @property
     def doubtful(self) -> bool:
         """A motor must be looked at anew before it moves: it may be another one, or stand a turn away."""
-        return bool(self.silent or self.limp or self.jumped or self.foreign or self.asleep)
+        return bool(self.silent or self.limp or self.jumped or self.foreign or self.doubled or self.asleep)
 
     def concerns(self, i: int) -> bool:
         """Returns whether motor `i` must not be enabled or commanded anew."""
-        sets = self.errors, self.silent, self.limp, self.jumped, self.far, self.asleep, self.foreign
+        sets = self.errors, self.silent, self.limp, self.jumped, self.far, self.asleep, self.foreign, self.doubled
         return any(i in found for found in sets)
 
     def judge(self, i: int, temperature: float, hot: float, now: int) -> None:
@@ -84,6 +86,10 @@ class MitFaults:
         parts += [
             f"another program commands {self._names[i]}: end it, since both would be obeyed"
             for i in sorted(self.foreign)
+        ]
+        parts += [
+            f"two motors answer as {self._names[i]}: one was plugged in, or two buses are joined. Take it away"
+            for i in sorted(self.doubled)
         ]
         return "; ".join(parts)
 

@@ -12,6 +12,9 @@ from drivers.mit_can import protocol
 from drivers.mit_can.config import MitCanConfig
 from runtime.contracts.errors import DeviceLostError
 
+OWED: Final = 256  # replies that are waited for at most: an adapter may hold back many and give them at once
+EXTRA: Final = 10  # replies that nobody asked for, within
+LATELY: Final = 500_000_000  # ns, after which another motor answers, too
 REFUSED: Final = 100_000_000  # ns in which the bus takes no frame, after which it is given up
 
 
@@ -37,6 +40,8 @@ class Line:
         self.left = [-1] * len(self._ids)
         self.refused = 0
         self._since = -1  # ns, since when the bus takes nothing
+        self._owed = [0] * len(self._ids)
+        self._extra = [(0, 0)] * len(self._ids)  # how many came unasked, and since when, ns
 
     def send(self, i: int, data: bytes, now: int | None = None) -> bool:
         """Sends a motor's frame; False if the bus has no room, which is never tried again.
@@ -45,7 +50,7 @@ class Line:
             DeviceLostError: the bus is gone, or by `now` it has taken nothing for some time.
         """
         self.pending[i] += 1
-        if self.link.write(self._message(i, data)):
+        if self._write(i, self._message(i, data)):
             self._since = -1
             self.left[i] = now if now is not None else self.left[i]
             return True
@@ -65,13 +70,28 @@ class Line:
     def ask(self, i: int) -> None:
         """Asks a Damiao for its state, without a command."""
         data = protocol.ask_state(self._ids[i])
-        self.link.write(can.Message(arbitration_id=protocol.REGISTERS, data=data, is_extended_id=False))
+        self._write(i, can.Message(arbitration_id=protocol.REGISTERS, data=data, is_extended_id=False))
         self.pending[i] += 1
 
     def tell(self, i: int, data: bytes) -> None:
         """Sends a special frame, whose reply isn't counted on; an AK V3 has none."""
         if not self._v3:
-            self.link.write(self._message(i, data))
+            self._write(i, self._message(i, data))
+
+    def doubled(self, i: int, now: int) -> bool:
+        """Takes a reply; whether too many came that no frame asked for. A V3 sends its status by itself."""
+        self.pending[i] = 0
+        if self._v3 or self._owed[i]:
+            self._owed[i] -= not self._v3
+            return False
+        count, since = self._extra[i]
+        self._extra[i] = (count + 1, since) if now - since < LATELY else (1, now)
+        return self._extra[i][0] >= EXTRA
+
+    def _write(self, i: int, message: can.Message) -> bool:
+        left = self.link.write(message)
+        self._owed[i] = min(self._owed[i] + left, OWED)
+        return left
 
     def stop_frames(self, frames: Sequence[bytes], off: bool) -> tuple[bytes, ...]:
         """These commands as another process writes them, one a motor; with `off` each is then disabled."""

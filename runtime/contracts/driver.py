@@ -104,9 +104,10 @@ class Driver(ABC):
         health: see `Health`.
         sent_arrays: by command name, what has left for the device and can't be taken back, in the command's unit
             and before it was rounded for the wire. Fill the array, all elements at once, when a command leaves (in
-            `write`, or in the next `read` if that sends it). The runtime takes it once a cycle, after all writes, and
-            sets it to NaN. Where a device
-            stops by itself after a silence, report that, too.
+            `write`, or in the next `read` if that sends it). Where each element has a frame of its own, as on a bus,
+            fill those that left: the guard goes on with each from what was sent of it. The runtime takes the array
+            once a cycle, after all writes, and sets it to NaN. Where a device stops by itself after a silence, report
+            that, too.
         traffic: what its frames take of a shared line, known after `__init__`; None where they share none. `srl check`
             adds up a line's devices and refuses more than it carries, and an identifier that two of them use.
     """

@@ -1,5 +1,8 @@
 """Every driver that takes commands, against a link that takes none, half of one, every second one, or another device.
 
+On a CAN bus each joint has a frame of its own: half of a command is that of some joints, and what counts as sent, and
+where the guard goes on, is told by joint.
+
 Whatever the link does: what reaches the device is what the row says was sent, and makes no step beyond the limits from
 what was sent before (`UnderGuard.judge`). Real drivers and their twins, under the real cycle and guard; in lockstep,
 except for the base, whose zenoh process has a clock of its own.
@@ -16,9 +19,12 @@ from helpers.under_guard import UnderGuard
 from helpers.wires import WIRES
 
 from runtime.contracts.signals import Kind
+from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import State
 
 ARMS = tuple(name for name in WIRES if name.startswith(("panda", "ur")))  # 500 and 1000 cycles a second
+# Their motors know where they stand only within a part of a turn, so after a loss of power they must be parked.
+FORGETFUL = ("cubemars-servo", "mit-can-v2", "mit-can-v3", "odrive")
 DATAGRAMS = tuple(name for name in WIRES if name.startswith(("base", "panda")))
 
 
@@ -114,7 +120,7 @@ def test_a_link_that_takes_every_second_command(under):
     moves_on(u, first)
 
 
-@wires(slow=("base",))
+@wires([name for name in WIRES if name not in FORGETFUL], slow=("base",))
 def test_a_device_that_comes_back_as_another(under):
     u, wire = under, under.wire
     u.until(u.follows)
@@ -136,9 +142,31 @@ def test_a_device_that_comes_back_as_another(under):
     u.judge()
 
 
+@wires(FORGETFUL)
+def test_a_device_that_may_have_lost_its_position_is_moved_no_more(under):
+    """Not by a reset, either: only a person can say where the limb stands, by parking it."""
+    u, wire = under, under.wire
+    u.until(u.follows)
+    u.run(0.5)
+    wire.leave()
+    u.until(lambda: u.device.lost)
+    gone = len(u.rows)
+    wire.come_back()
+    u.until(lambda: any("still away" in event or "is back" in event for event in u.events))
+    for _ in range(5):
+        u.step(RequestKind.RESET)
+        u.run(0.2)
+    assert "park" in u.device.driver.health.fault + u.events[-1]
+    assert u.state is not State.ACTIVE
+    assert not any(row.got for row in u.rows[gone:])
+    u.judge()
+
+
 # By wire: s of a stall, and the fault that tells what the device has done by itself; "": `.sent` shows that it rests.
 OWN = {
     "base": (0.35, ""),
+    "mit-can-damiao": (0.35, "its watchdog"),
+    "odrive": (0.7, "watchdog"),
     "softhand": (0.45, "switched its motor off"),
     "dynamixel-position-2": (0.5, "the bus watchdog"),
     "dynamixel-velocity-2": (0.5, "the bus watchdog"),
@@ -153,7 +181,7 @@ OWN = {
 
 @wires(OWN)
 def test_what_a_device_does_by_itself_is_known(name, monkeypatch, tmp_path):
-    options = {"watchdog": 0.2} if name.startswith("dynamixel") else {}
+    options = {"watchdog": 0.2} if name.startswith(("dynamixel", "mit-can")) else {}
     seconds, fault = OWN[name]
     with UnderGuard(WIRES[name](monkeypatch, tmp_path, **options)) as u:
         u.until(u.follows)
@@ -163,6 +191,7 @@ def test_what_a_device_does_by_itself_is_known(name, monkeypatch, tmp_path):
         if name in ("base", "ur-velocity"):
             assert not u.rows[-1].sent.any()
         u.wire.valve.open()
+        u.until(lambda: not u.device.lost)
         u.until(lambda: fault in u.device.driver.health.fault, most=1.0)
         u.meet()
         u.judge()

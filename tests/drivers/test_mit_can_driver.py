@@ -13,7 +13,7 @@ import can
 import numpy as np
 import pytest
 from helpers.ft import Server, bound
-from helpers.mit_can import AK, TWO, cell, config, twin
+from helpers.mit_can import AK, TWO, Limb, cell, config, twin
 from helpers.wait import until
 
 from drivers.mit_can import MitCan, protocol
@@ -137,6 +137,44 @@ def test_a_bus_that_takes_nothing_is_given_up_with_its_remedy(server: Server, mo
         arm.write(now + REFUSED + 1)
     assert not arm.health.connected
     arm.close()
+
+
+def test_a_frame_that_the_bus_refuses_leaves_neither_a_stop_frame_nor_a_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    limb = Limb(world=cell(hanging=False), ramp=0.0).open()
+    where, arm = limb.hold(), limb.fake._driver
+    link = arm._line.link  # type: ignore[union-attr]
+    write, held = link.write, [motor.held for motor in arm._motors]
+    heard: list[bytes] = []
+    monkeypatch.setattr(link, "write", lambda message: message.arbitration_id == 2 and write(message))
+    limb.fake.sent_arrays[limb.name][:] = np.nan
+    limb.run(0.008, where + 0.1)  # so far away that a speed of it would be 50 rad/s
+    sent = limb.fake.sent_arrays[limb.name]
+    assert np.isnan(sent[0])
+    assert sent[1] == where[1] + 0.1
+    assert arm._motors[0].held == held[0]
+    assert arm._motors[1].held != held[1]
+
+    def noted(message: can.Message) -> bool:
+        if message.arbitration_id == 1:
+            heard.append(bytes(message.data))
+        return True
+
+    monkeypatch.setattr(link, "write", noted)
+    limb.run(0.002, where)  # the guard goes on from what was sent
+    speed = protocol.parse_command(heard[-1], arm._axes.spans[0]).velocity
+    assert abs(speed) < 0.1
+
+
+def test_a_second_motor_that_answers_with_the_same_id_is_a_fault() -> None:
+    limb = Limb(world=cell(hanging=False)).open()
+    where, drives = limb.hold(), limb.drives
+    limb.run(0.5, where)
+    assert not limb.fault
+    drives.ids[1], drives.replies[1] = drives.ids[0], drives.replies[0]  # its neighbour stands where it does itself
+    limb.run(0.1, where, until=lambda: "two motors answer as 'shoulder'" in limb.fault)
+    assert "two motors answer as 'shoulder' (id 1)" in limb.fault
+    limb.run(0.02, stop=Stop.DAMP)
+    assert limb.truth() == pytest.approx(where, abs=0.01)
 
 
 def test_bus_off_is_a_loss() -> None:

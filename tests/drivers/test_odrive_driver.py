@@ -26,12 +26,16 @@ def states(rig):
 # -- commands
 
 
-def test_nothing_counts_as_sent_until_all_obey(rig):
+def test_none_goes_on_from_its_first_command_until_all_obey(rig):
     rig.run(0.02)
     rig.run(0.005, [0.0, 0.0])
-    assert np.isnan(rig.driver.sent_arrays["position_command"]).all()
-    rig.run(0.3, [0.0, 0.0])
+    of(rig, 1).mute = True
+    rig.run(0.3, [0.1, 0.1])
     assert states(rig) == [8, 8]
+    assert rig.driver.sent_arrays["position_command"] == pytest.approx([0.0, 0.0])
+    assert rig.driver.state_arrays["position"] == pytest.approx([0.0, 0.0], abs=2e-3)
+    of(rig, 1).mute = False
+    rig.run(0.3, [0.0, 0.0])
     assert rig.driver.sent_arrays["position_command"] == pytest.approx([0.0, 0.0])
     rig.run(0.5, [0.2, -0.1])
     assert rig.driver.state_arrays["position"] == pytest.approx([0.2, -0.1], abs=0.02)
@@ -249,6 +253,20 @@ def test_garbage_is_counted_and_changes_nothing(rig):
     assert rig.driver.health.errors == 4
     assert rig.driver.state_arrays["position"] == pytest.approx(before)
     assert fault(rig) == ""
+
+
+def test_of_a_queue_that_is_nearly_full_what_left_counts_as_sent(rig, monkeypatch):
+    rig.run(0.4, [0.0, 0.0])
+    rig.driver.sent_arrays["position_command"][:] = np.nan
+    write, held = rig.driver._link.write, rig.driver.held(1)
+    monkeypatch.setattr(rig.driver._link, "write", lambda message: message.arbitration_id >> 5 == 1 and write(message))
+    rig.run(0.02, [0.05, 0.05])
+    sent = rig.driver.sent_arrays["position_command"]
+    assert sent[0] == 0.05
+    assert np.isnan(sent[1])
+    assert rig.driver.held(1) is held, "a stop frame repeats what left"
+    rig.run(0.3, [0.05, 0.05])
+    assert "the bus takes no commands" in fault(rig)
 
 
 def test_a_full_queue_sends_nothing_and_says_so(rig, monkeypatch):

@@ -7,19 +7,17 @@ see the rows of the devices' pages: figures of a shared machine, and the motors 
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
-import threading
 import time
 from pathlib import Path
 from typing import Any
 
-import can
 import numpy as np
 import pytest
 from helpers import can_drives, mit_can
+from helpers.live_can import Live
 from helpers.run import Running, call
 from helpers.wait import until
 
@@ -31,53 +29,6 @@ from sim.devices.shared.can import CanTwin
 pytestmark = pytest.mark.slow
 
 TAIL = 0.4  # s after the onset that are looked at
-
-
-class Live:
-    """A twin in real time, in a thread of its own; what it took, and how its limb moved.
-
-    Attributes:
-        taken: (s, identifier) of every frame of the host.
-        felt: (s, rad (n,), N m (n,)) of every step.
-    """
-
-    def __init__(self, twin: CanTwin) -> None:
-        self.twin, self.world = twin, twin.fake.world
-        self.taken: list[tuple[float, can.Message]] = []
-        self.felt: list[tuple[float, Any, Any]] = []
-        take = twin.take
-
-        def noted(message: can.Message, now: int) -> None:
-            self.taken.append((time.monotonic(), message))
-            take(message, now)
-
-        twin.take = noted  # type: ignore[method-assign]
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-
-    def __enter__(self) -> Live:
-        self.twin.open()
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join()
-        self.twin.close()
-
-    def _run(self) -> None:
-        with contextlib.suppress(PermissionError):  # what else runs on this machine is no silence of the motors
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
-        begun, chain, supported = time.monotonic_ns() - self.world.time, self.twin.fake.chain, True  # type: ignore[attr-defined]
-        while not self._ended.wait(0.001):
-            now = time.monotonic_ns() - begun
-            supported = supported and not (chain.motors.torque.all() and chain.motors.kp.all())
-            if supported:
-                chain._data.qpos[chain._q], chain._data.qvel[chain._v] = 0.0, 0.0
-            self.world.advance(now)
-            self.twin.service(now)
-            truth = self.world.truth_arrays
-            self.felt.append((time.monotonic(), truth["arm_position"].copy(), truth["arm_effort"].copy()))
 
 
 def mit(maker: str, **fake: Any) -> tuple[CanTwin, dict[str, Any]]:

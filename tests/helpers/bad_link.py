@@ -1,4 +1,4 @@
-"""Faults in a link: it takes nothing, half of a frame, or each other frame."""
+"""Faults in a link: it takes nothing, half of a frame (of a bus: some of the motors' frames), or each other frame."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import signal
 from collections.abc import Callable
 from typing import Any
 
+import can
+
 from drivers.base import MobileBase
+from drivers.canbus import CanLink
 from drivers.datagram import Datagrams
 from drivers.transport import Transport
 
@@ -79,6 +82,40 @@ class Valve:
             return write(data, peer)
 
         link.write = written  # type: ignore[method-assign]
+        return link
+
+    def open(self) -> None:
+        """Takes everything again."""
+        self.shut = self.halve = self.every_second = False
+
+
+class CanValve:
+    """As `Valve`, between a CAN link and its bus: a full queue. A frame goes whole or not at all.
+
+    Attributes:
+        halve: takes one more frame, then shuts: of a cycle's frames some motors get theirs.
+    """
+
+    def __init__(self) -> None:
+        self.shut = self.halve = self.every_second = False
+        self.refused = 0
+        self._refuse = False
+
+    def fit(self, link: CanLink) -> CanLink:
+        """Fits it to a link that was just opened."""
+        bus: Any = link._bus
+        send = bus.send
+
+        def sent(message: can.Message, timeout: float | None = None) -> None:
+            self._refuse = self.every_second and not self._refuse
+            if self.shut or self._refuse:
+                self.refused += 1
+                raise can.CanOperationError("no room")
+            if self.halve:
+                self.halve, self.shut = False, True
+            send(message, timeout)
+
+        bus.send = sent
         return link
 
     def open(self) -> None:

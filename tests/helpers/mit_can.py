@@ -21,6 +21,10 @@ TWO: dict[str, dict[str, Any]] = {
     "shoulder": {"model": "DM8009", "kp": 80, "kd": 2.5},
     "elbow": {"model": "DM4340", "kp": 40, "kd": 2},
 }
+SEVEN: dict[str, dict[str, Any]] = {
+    f"j{k}": {"model": "DM8009", "kp": 80, "kd": 2.5} if k < 4 else {"model": "DM4340", "kp": 40, "kd": 2}
+    for k in range(1, 8)
+}
 AK: dict[str, dict[str, Any]] = {
     "shoulder": {"model": "AK10-9", "kp": 80, "kd": 2.5, "park": 0.0},
     "elbow": {"model": "AK80-9", "kp": 40, "kd": 2, "park": 0.0},
@@ -33,10 +37,13 @@ MAKERS: dict[str, dict[str, Any]] = {
 _BUILT = ("model", "m_per_rad", "reversed", "zero")
 
 
-def cell(motors: dict[str, dict[str, Any]] = TWO, *, hanging: bool = True, start: float = 0.0, **options: Any) -> Cell:
-    """A chain `arm` whose links lie level and turn downwards, if `hanging`; else without gravity."""
+def cell(
+    motors: dict[str, dict[str, Any]] = TWO, *, hanging: bool = True, start: float = 0.0, length: float = 0.25,
+    mass: float = 0.4, **options: Any,
+) -> Cell:  # fmt: skip
+    """A chain `arm` whose links (m, kg) lie level and turn downwards, if `hanging`; else without gravity."""
     axes = {
-        name: {"axis": [0, 1, 0], "link": [0.25, 0, 0], "mass": 0.4, "lower": -20.0, "upper": 20.0, "start": start}
+        name: {"axis": [0, 1, 0], "link": [length, 0, 0], "mass": mass, "lower": -20.0, "upper": 20.0, "start": start}
         | {key: value for key, value in motor.items() if key in _BUILT}
         for name, motor in motors.items()
     }

@@ -15,6 +15,7 @@ import pytest
 from drivers.base import BaseConfig, MobileBase
 from helpers.arm_wires import EXACT, PANDA, UR, PandaWire, UrWire
 from helpers.bad_link import Hang
+from helpers.can_wires import AxesWire, MitWire
 from helpers.serial_wires import DYNAMIXEL, DynamixelWire, FeetechWire, FirmataWire, SoftHandWire
 from helpers.twin import bound
 from helpers.under_guard import Setting, Wire
@@ -88,7 +89,13 @@ WIRES: dict[str, Callable[[pytest.MonkeyPatch, Path], Wire]] = {
     "firmata": FirmataWire,
     "softhand": SoftHandWire,
     "base": BaseWire,
+    "odrive": partial(AxesWire, kind="odrive"),
+    "cubemars-servo": partial(AxesWire, kind="cubemars-servo"),
 }
+for _maker in ("damiao", "v2", "v3"):
+    WIRES[f"mit-can-{_maker}"] = partial(MitWire, maker=_maker)
+for _mode in ("velocity", "effort"):
+    WIRES[f"mit-can-{_mode}"] = partial(MitWire, maker="damiao", mode=_mode)
 for _mode in DYNAMIXEL:
     for _protocol in (1, 2):
         WIRES[f"dynamixel-{_mode}-{_protocol}"] = partial(DynamixelWire, protocol=_protocol, mode=_mode, watchdog=2.0)

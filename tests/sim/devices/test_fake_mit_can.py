@@ -69,10 +69,13 @@ def test_it_follows_within_what_its_stiffness_leaves() -> None:
 
 def test_a_command_far_away_enables_nothing() -> None:
     limb = Limb().open()
-    limb.run(0.1, limb.state("position") + np.array([0.0, 0.5]))
+    begun = limb.state("position")
+    limb.run(0.1, begun + np.array([0.0, 0.5]))
     assert limb.on == [True, False]
     assert re.search(r"^'elbow' \(id 2\) is 0\.\d\d from its first command, too far", limb.fault)
-    assert np.isnan(limb.fake.sent_arrays[limb.name]).all()
+    sent = limb.fake.sent_arrays[limb.name]
+    assert sent[0] == begun[0]
+    assert np.isnan(sent[1])
 
 
 def test_a_command_beyond_the_travel_stays_inside() -> None:

@@ -23,7 +23,7 @@ def hung(silence: float, seconds: float, category: Stop, written: bool | None = 
     driver = limb.fake._driver
     if written is None:
         written = seconds <= driver.frames_good_for(category)
-    frames = driver._held if category is Stop.HOLD else driver._damp
+    frames = [motor.held if category is Stop.HOLD else motor.damp for motor in driver._motors]
     begun, torques = limb.truth(), list[Array]()
 
     def rest(s: float) -> None:
