@@ -189,7 +189,7 @@ def test_an_instance_is_found_by_its_name_in_the_services_folder(
     with pytest.raises(RequestError, match=r"no bus listens at .*other/own/zenoh.sock.*SRL_RUNTIME_DIR"):
         connect("own")
     monkeypatch.setattr(run_folder, "SERVICES", tmp_path)
-    monkeypatch.setattr(run_folder, "_check_owners", lambda _: None)  # of what is above a test's folder
+    monkeypatch.setattr(run_folder, "check_owners", lambda _: None)  # of what is above a test's folder
     own.run_folder.claim()
     try:
         with connect("own") as client:

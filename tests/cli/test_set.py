@@ -28,7 +28,7 @@ def one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Instance]:
 
 @pytest.fixture(autouse=True)
 def _running(one: Instance, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(run_folder, "_check_owners", lambda _: None)  # of what is above a test's folder
+    monkeypatch.setattr(run_folder, "check_owners", lambda _: None)  # of what is above a test's folder
     monkeypatch.setenv("SRL_RUNTIME_DIR", str(one.run_folder.path.parent))
     one.run.taken.clear()
     one.client.set_param(PULL, 1.0)
