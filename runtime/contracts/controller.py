@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -43,6 +43,7 @@ class Controller(ABC):
         lost: a law sets it in `reset` and `update`. True: what it follows hasn't been there for longer than it may
             hold its outputs. The limb then stops as it does for the loss of the device that the law follows.
         contact: a law sets it in `reset` and `update`. True: the limb pushes on something that it shouldn't. It stops.
+        why: a law may set it with `lost`: what is probably wrong, and what to do about it; "" for nothing to say.
         simulated: the option whose file the simulation made, so that it says nothing about a person; "" for none.
         measured_by: the bodies, by name, by which the angles of its calibration were measured; empty for none.
             Where real devices feed the law, that is doubted.
@@ -67,6 +68,7 @@ class Controller(ABC):
         self.applied: Mapping[str, Array] = {}
         self.param: Mapping[str, Array] = {}
         self.lost = self.contact = False
+        self.why = ""
         self.simulated = ""
         self.measured_by: Mapping[str, Mapping[str, Any]] = {}
         self.fed_as: Mapping[str, Mapping[str, object]] = {}
@@ -102,6 +104,18 @@ class Controller(ABC):
 
         A pose that nobody has measured yet is NaN.
         """
+
+    def weigh(self, dt: float) -> None:
+        """Renews, while the limb stops or is stopped, the gravity that a torque guard holds; nothing else.
+
+        A law that gives `<device>.<command>.gravity` overrides it: joints sink, are led by hand, and the wearer moves,
+        so the weight that was when the stop began becomes a force of its own. Inputs and transforms are of this cycle,
+        `dt` seconds after the one before; what isn't known leaves the output as it is.
+        """
+
+    def doubts(self, dt: float) -> Iterable[tuple[str, str]]:
+        """What is probably wrong with its options in cycles of `dt` seconds: (option, text) each."""
+        return ()
 
     def figures(self) -> dict[str, object]:
         """Returns the controller's own figures for the run's summary."""

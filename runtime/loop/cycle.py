@@ -12,6 +12,7 @@ from math import isfinite
 import numpy as np
 
 from runtime.contracts.compiled import Backend
+from runtime.contracts.controller import Controller
 from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Kind, Limits, Stop
 from runtime.ipc import latches
@@ -99,6 +100,12 @@ class Cycle:
             (law.controller, compiled or law.controller, law.reads, law.measured, law.writes)
             for law, compiled in zip(graph.laws, self._backends.laws, strict=True)
         ]
+        self._weighing = [
+            (law.controller, law.reads, law.measured, law.writes)
+            for law in graph.laws
+            if type(law.controller).weigh is not Controller.weigh
+        ]
+        self._weighs = True  # none of them has failed since the last reset
         self._followed = [graph.followed(law) for law in graph.laws]
         self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
@@ -244,13 +251,19 @@ class Cycle:
         return fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
 
     def control(self) -> None:
-        """Lets the guards see what was sent, then runs the controllers while the limb is active."""
+        """Lets the guards see what was sent, then runs the controllers while the limb is active.
+
+        In a stop only those that hold its weight go on, with that alone.
+        """
         for index, array in self.graph.reads:
             self.graph.row.floats.take(index, 0, array, "clip")
         self._departures.tell(self._ints.item(_DT) * 1e-9)
         state, self._ran = self.machine.state, False
+        if state in (State.STOPPING, State.STOPPED):
+            self._weigh()
         if state is not State.ACTIVE:
             return
+        self._weighs = True
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
         fresh = self._was is not State.ACTIVE
         for i, (controller, law, reads, measured, writes) in enumerate(self._laws):
@@ -267,9 +280,11 @@ class Cycle:
             except Exception:
                 self.report(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
                 self.machine.stop(Fault(Cause.CONTROLLER_ERROR, i))
+                self._weighs = False
                 return
             if controller.lost:
-                self.report(f"controller '{controller.name}' has lost what it follows")
+                why = f": {controller.why}" if controller.why else ""
+                self.report(f"controller '{controller.name}' has lost what it follows{why}")
                 self.machine.stop(Fault(Cause.INTENT_LOSS, self._followed[i]))
                 return
             if controller.contact:
@@ -277,6 +292,22 @@ class Cycle:
                 self.machine.stop(Fault(Cause.CONTACT, i))
                 return
         self._ran = True
+
+    def _weigh(self) -> None:
+        """Renews the gravity that the guards hold; what fails stays as it was."""
+        dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
+        for controller, reads, measured, writes in self._weighing if self._weighs else ():
+            try:
+                for index, array in reads:
+                    floats.take(index, 0, array, "clip")
+                for transform in measured:
+                    transform.update()
+                controller.weigh(dt)
+                for index, array in writes:
+                    floats[index] = array
+            except Exception:
+                self.report(f"controller '{controller.name}' failed in the stop: {traceback.format_exc(limit=-3)}")
+                self._weighs = False
 
     def guard(self) -> None:
         """Bounds every command or carries out the stop, then updates the state."""

@@ -11,6 +11,8 @@ Two devices at one port of this machine.
 
 What can't be right in a robot's URDF, and bounds of the guard beyond the URDF's (`runtime.profile.robots`).
 
+What a law doubts of its options at the profile's rate.
+
 A worn arm that nothing keeps clear of its wearer, though a suit says where the wearer is.
 """
 
@@ -84,6 +86,8 @@ def doubts(
         found.append((f"devices.{name}.port", f"{other} is at this port, too, and only one can have it open"))
     found += [(f"sim.{key}", text) for key, text in (world.doubts if world is not None else ())]
     found += _of_worn(profile, laws)
+    for i, law in enumerate(laws):
+        found += [(f"controllers.{i}.{key}", text) for key, text in law.controller.doubts(1.0 / float(profile.rate))]
     found += [(f"guard.{name}.clear", text) for name, each in clearances.items() for text in each.unmet]
     for name, frame in profile.frames.items():
         if "/" in (frame.parent or ""):

@@ -123,6 +123,22 @@ def test_without_hand_or_sensor_it_holds_where_it_is(device: str, fault: dict[st
         assert sunk < 25.0
 
 
+@pytest.mark.parametrize("lean", [1.2, -0.7], ids=["bends forward", "leans back"])
+def test_a_stopped_arm_stays_where_it_is_while_its_wearer_leans(lean: float) -> None:
+    """Its weight changes with the tilt: what was held when the stop began would swing it."""
+    plain = worn() | {"trial": "slip"}
+    plain["choices"]["trial"]["slip"]["sim"]["parts"]["straps"]["slip"] = {"at": 4.0, "tilt": [0.0, lean, 0.0]}
+    with Lab(plain) as lab:
+        lab.run(3.0)
+        lab.stop()
+        lab.run(0.9)
+        before = np.array(lab["world.arm_position"])
+        lab.run(1.6)
+        moved = np.abs(np.array(lab["world.arm_position"]) - before)
+        print(f"\nstopped, the base tilts by {lean}: joints moved by {moved.round(2)} rad")
+        assert moved.max() < 0.2
+
+
 WALLS = {"stiff wall": {"stiffness": 4e4, "damping": 0.0}, "soft person": {"stiffness": 400.0, "damping": 5.0}}
 
 
@@ -150,6 +166,16 @@ def test_it_gives_nothing_to_what_it_hits(what: str) -> None:
     assert port.min() > -1e-3  # never more out than in
     assert law.max() < 0.01  # the law itself gave the joints nothing
     assert np.abs(run.value("world.arm_velocity")[-1]).max() < 0.1
+
+
+@pytest.mark.parametrize(("rate", "gives"), [(500, False), (250, True)])
+def test_pushed_down_on_a_table_it_gives_energy_at_the_rate_that_check_doubts(rate: int, gives: bool) -> None:
+    plain = bench(rate, WALLS["stiff wall"] | {"normal": [0.0, 0.0, 1.0]})
+    plain["sim"]["parts"]["knock"]["force"] = [0.0, 0.0, -50.0]
+    _, port, law = energies(plain)
+    print(f"\n| table | {rate} | {port.max():.2f} | {-port.min():.3f} more out than in | {law.max():.3f} | |")
+    assert (law.max() > 0.01) == gives
+    assert (port.min() < -1e-2) == gives
 
 
 def test_at_125_hz_the_law_is_no_longer_passive_against_a_stiff_wall() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.toy import SPEED, Bench, _load
+from helpers.toy import SPEED, Bench, Law, _load
 
 from runtime.contracts import registry
 from runtime.ipc.words import Cause, State
@@ -268,3 +268,34 @@ def test_a_guard_knows_that_its_measurements_are_old(tmp_path: Path) -> None:
     b.run(80, script)
     assert b.states[75][1] is Cause.DEVICE_LOSS
     assert (blind[50], blind[75]) == (False, True)
+
+
+def test_in_a_stop_a_law_weighs_on_until_it_fails_and_again_after_a_reset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[tuple[State, float]] = []
+
+    def weigh(law: Law, dt: float) -> None:
+        called.append((b.cycle.machine.state, dt))
+        law.output["q"][:] = len(called) * 1e-3  # what it renews in a stop is in the rows, and replays
+        if len(called) == 20:
+            raise ValueError("a defect")
+
+    monkeypatch.setattr(Law, "weigh", weigh)
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        if k in (50, 120):
+            b.ask("stop")
+        if k == 100:
+            assert len(called) == 20
+            b.ask("reset")
+
+    b.run(150, script)
+    assert len(called) > 40
+    assert {state for state, _ in called} <= {State.STOPPING, State.STOPPED}
+    assert {dt for _, dt in called} == {0.01}
+    assert sum("failed in the stop" in said for said in b.events) == 1
+    called.clear()
+    monkeypatch.setattr(registry, "load", _load)
+    assert replay(b.graph.layout, b.rows()[:-1], "toy").identical

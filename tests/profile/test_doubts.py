@@ -106,3 +106,11 @@ def test_a_calibration_by_another_body_is_doubted(tmp_path: Path) -> None:
 def test_a_worn_arm_that_nothing_keeps_clear_is_doubted() -> None:
     (doubt,) = wiring.build(*profile.load("human-srl", ["guard.arm.position_command.clear=null"]), []).doubts
     assert "guard.arm.position_command: nothing keeps this arm clear of its wearer" in doubt
+
+
+def test_a_rate_at_which_an_impedance_drives_what_it_touches_is_doubted_and_the_one_that_is_told_is_enough() -> None:
+    (doubt,) = wiring.build(*profile.load("worn-arm", ["rate=250"])).doubts
+    assert "controllers.1.stiffness: at 250 Hz its torques are too late to damp" in doubt
+    told = int(doubt.split("Raise 'rate' to ")[1].split(" Hz")[0])
+    assert 250 < told <= 500
+    assert wiring.build(*profile.load("worn-arm", [f"rate={told}"])).doubts == []

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from collections.abc import Iterator
+from math import ceil, sqrt
 from typing import Any, Final, Literal, Self
 
 import numpy as np
@@ -18,6 +19,7 @@ from runtime.contracts.terms import QUATERNION
 from runtime.contracts.transforms import Transform, device, frame, measured
 from runtime.control.arm.believed import Believed
 from runtime.control.arm.options import each, joints
+from runtime.control.arm.sampled import GROWTH, cases, growth
 from runtime.control.arm.uprightness import Uprightness, by_frames, by_sensor
 from runtime.control.cobot.whole_body import LoadConfig
 from runtime.control.robot_model import WeighedRobot
@@ -27,6 +29,7 @@ from runtime.control.shared.ramp import Ramps
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SOFT: Final = 0.25  # of K, below which D goes to zero with K itself, not with its root
 _LEAD: Final = 0.03  # s, low-pass on the desired joints' speed: it may jump, the torque not
+_SHORTEST: Final = 1e-4  # s: no loop is quicker
 _HELD_BACK: Final = 0.1  # N m: a larger difference of asked and applied torque counts as held back
 
 _PerJoint = dict[str, NotNegative] | NotNegative
@@ -155,6 +158,30 @@ class JointImpedance(Controller):
         self._desire(before, dt)
         self._step()
 
+    def weigh(self, dt: float) -> None:
+        self._up.update(self._found(), dt)
+        self._joints.update(self.input["q"], dt)
+        if self._joints.known:
+            self._weight()
+
+    def doubts(self, dt: float) -> Iterator[tuple[str, str]]:
+        if self._damps(dt):
+            return
+        enough, late = dt, dt
+        while enough > _SHORTEST and not self._damps(enough):
+            late, enough = enough, enough / 2
+        remedy = "Lower it, and 'damping_ratio'"
+        if enough > _SHORTEST:
+            for _ in range(6):
+                middle = (late + enough) / 2
+                late, enough = (late, middle) if self._damps(middle) else (middle, enough)
+            remedy = f"Raise 'rate' to {ceil(0.1 / enough) * 10} Hz"
+        yield (
+            "stiffness",
+            f"at {1 / dt:g} Hz its torques are too late to damp: against something stiff, or by itself, the arm swings "
+            f"up unless friction in its joints takes it. {remedy}",
+        )
+
     def figures(self) -> dict[str, object]:
         """Shares of cycles with torque held back by the guard, with the desired joints taken along, and doubted `q`."""
         cycles = max(self._cycles, 1)
@@ -210,12 +237,7 @@ class JointImpedance(Controller):
                 out[name][:] = np.nan  # the guard damps, with the gravity that it knew last
             return
         k, d = self._ramps.values["stiffness"], self._ramps.values["damping"]
-        if config.gravity == "here":
-            x, y, z = (-GRAVITY * self._up.up).tolist()
-            self._model.gravity.linear = np.array((x, y, z))
-            out["gravity"][:] = pin.computeGeneralizedGravity(self._model, self._data, q)
-        else:
-            out["gravity"][:] = 0.0
+        self._weight()
         K = k * self._K
         share = sqrt(k) if k > _SOFT else k / sqrt(_SOFT)  # the root has no slope at zero that a ramp could follow
         inertia: Array = pin.crba(self._model, self._data, q).diagonal() + self._rotors
@@ -224,6 +246,21 @@ class JointImpedance(Controller):
         np.clip(spring, -self._most, self._most, out=spring)
         out["torque"][:] = out["gravity"] + spring - self._D * qd
         out["desired"][:] = self._q_d
+
+    def _damps(self, dt: float) -> bool:
+        """Whether a frictionless arm comes to rest in cycles of dt seconds, also against something stiff."""
+        K, ratio = self._K, self._config.damping_ratio
+        found = cases(self._model, self._config.robot.home, self._lower, self._upper, self._rotors)
+        return all(growth(M, C, K, 2.0 * ratio * np.sqrt(K * M.diagonal()), dt) < GROWTH for M, C in found)
+
+    def _weight(self) -> None:
+        out = self.output["gravity"]
+        if self._config.gravity == "robot":
+            out[:] = 0.0
+            return
+        x, y, z = (-GRAVITY * self._up.up).tolist()
+        self._model.gravity.linear = np.array((x, y, z))
+        out[:] = pin.computeGeneralizedGravity(self._model, self._data, self._joints.q)
 
     def _watch(self) -> None:
         self._cycles += 1

@@ -335,3 +335,29 @@ def test_the_damping_is_that_of_each_joint_alone() -> None:
 def test_options_that_do_not_fit_are_refused(options: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValidationError, match=reason):
         law(**options)
+
+
+def test_in_a_stop_it_weighs_on_as_the_limb_and_its_base_are_and_nothing_else() -> None:
+    """A limb that is led by hand while its wearer leans, then a sensor that isn't there any more."""
+    made = law(upright="imu", patience=0.3)
+    made.reset()
+    made.update(0.002)
+    torque, desired = made.output["torque"].copy(), made.output["desired"].copy()
+    for k in range(500):
+        made.input["q"][:] = Q + np.array([0.2, -0.9, 0.5, 0.3]) * k / 499
+        made.input["orientation"][:] = exp(0.1 * k / 499, -0.7 * k / 499, 0.0)
+        made.weigh(0.002)
+    for _ in range(100):  # the low-pass on where up is
+        made.weigh(0.002)
+    tilt = exp(0.1, -0.7, 0.0)
+    model = pinocchio_model(ROBOT, gravity=tuple(-9.81 * np.array(matrix(conjugate(tilt)))[:, 2]))
+    expected = pin.computeGeneralizedGravity(model, model.createData(), made.input["q"])
+    assert made.output["gravity"] == pytest.approx(expected, abs=1e-3)
+    assert made.output["torque"] == pytest.approx(torque, abs=0.0)
+    assert made.output["desired"] == pytest.approx(desired, abs=0.0)
+    held = made.output["gravity"].copy()
+    made.input["orientation"][:] = np.nan
+    made.input["q"][:] = np.nan
+    for _ in range(500):
+        made.weigh(0.002)
+    assert made.output["gravity"] == pytest.approx(held, abs=0.0)
