@@ -10,29 +10,23 @@ import asyncio
 import os
 import re
 import signal
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import aiohttp
 import numpy as np
 
+from bench.live import running
 from bench.pairs import Row, measure
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import State
 from runtime.operator.client import OperatorPage
 
 RATES = (100, 1000)  # Hz
 PAIRS = 20
 SETTLE, BLOCK = 0.3, 1.2  # s before a block counts, and of a block
-_NAME = "bench-panel"
 _FIGURES = {
     "cycle": "cycle, median",
     "cycle99": "cycle, 99th percentile",
@@ -46,7 +40,7 @@ def run() -> list[Row]:
 
 
 def _at(rate: int) -> list[Row]:
-    with _running(rate) as folder, OperatorPage(folder) as page, _followed(page):
+    with running(rate) as folder, OperatorPage(folder) as page, _followed(page):
         layout, reader = Layout.load(folder.layout), RingReader(folder.rows)
 
         def block(awake: bool) -> Callable[[], dict[str, float]]:
@@ -72,33 +66,6 @@ def _at(rate: int) -> list[Row]:
         pairs.row("panel", f"{rate} Hz without the panel: {words}", figure, "with the panel", "us")
         for figure, words in _FIGURES.items()
     ]
-
-
-@contextmanager
-def _running(rate: int) -> Iterator[RunFolder]:
-    """A run of the simulated sixth finger, once it is active."""
-    with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
-        os.environ["SRL_RUNTIME_DIR"] = scratch
-        command = [sys.executable, "-m", "runtime", "run", "sixth-finger", "--sim", "--instance", _NAME]
-        process = subprocess.Popen([*command, "--set", f"rate={rate}"], stderr=subprocess.DEVNULL)
-        folder = RunFolder(Path(scratch) / _NAME)
-        try:
-            while not _active(folder):
-                if process.poll() is not None:
-                    raise RuntimeError("the run has ended before it began")
-                time.sleep(0.1)
-            yield folder
-        finally:
-            process.send_signal(signal.SIGINT)
-            process.wait()
-            del os.environ["SRL_RUNTIME_DIR"]
-
-
-def _active(folder: RunFolder) -> bool:
-    if not (folder.layout.exists() and folder.rows.exists()):
-        return False
-    newest = RingReader(folder.rows).newest()
-    return newest is not None and int(Layout.load(folder.layout).word(newest, "state")) == State.ACTIVE
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from typing import NoReturn
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 CHUNK = 65536
+FEW = 4096  # bytes of the first read, and mostly the only one: room for CHUNK costs more than the read itself
 CHUNKS = 16  # in one read, so that a flood can't block the loop
 LINGER = 0.1  # s that `close` waits for the last bytes to leave
 
@@ -26,6 +27,8 @@ class Transport(ABC):
         url: the URL it was opened with.
         place: the device's name for errors.
     """
+
+    _short_is_last = False  # whether a read that gives less than it may has given all there was
 
     def __init__(self, url: str, place: str) -> None:
         self.url = url
@@ -40,8 +43,9 @@ class Transport(ABC):
         """
         chunks: list[bytes] = []
         for _ in range(CHUNKS):
+            most = CHUNK if chunks else FEW
             try:
-                chunk = self._take()
+                chunk = self._take(most)
             except BlockingIOError:
                 break
             except OSError as error:
@@ -53,6 +57,8 @@ class Transport(ABC):
                     break  # the next read finds the end again
                 self._lost("the other end hung up")
             chunks.append(chunk)
+            if self._short_is_last and len(chunk) < most:
+                break
         return chunks[0] if len(chunks) == 1 else b"".join(chunks)
 
     def write(self, data: bytes) -> bool:
@@ -132,8 +138,8 @@ class Transport(ABC):
         return self.fileno()
 
     @abstractmethod
-    def _take(self) -> bytes:
-        """Reads once. BlockingIOError if there is nothing, b"" at the end, other OSErrors if the link is lost."""
+    def _take(self, most: int) -> bytes:
+        """Reads once, at most so many bytes. BlockingIOError if there is nothing, b"" at the end, else OSError."""
 
     @abstractmethod
     def _give(self, data: bytes) -> int:

@@ -9,7 +9,7 @@ import termios
 
 import serial
 
-from drivers.transport.base import CHUNK, Transport, ioctl_int
+from drivers.transport.base import Transport, ioctl_int
 from runtime.contracts.errors import DeviceError
 
 
@@ -29,8 +29,8 @@ class SerialPort(Transport):
     def fileno(self) -> int:
         return self._fd
 
-    def _take(self) -> bytes:
-        return os.read(self._fd, CHUNK)
+    def _take(self, most: int) -> bytes:
+        return os.read(self._fd, most)
 
     def _give(self, data: bytes) -> int:
         try:

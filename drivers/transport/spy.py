@@ -32,8 +32,8 @@ class Spy(Transport):
     def _read_fileno(self) -> int:
         return self._inner._read_fileno()
 
-    def _take(self) -> bytes:
-        data = self._inner._take()
+    def _take(self, most: int) -> bytes:
+        data = self._inner._take(most)
         self._note("<", data)
         return data
 

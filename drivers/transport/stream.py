@@ -7,7 +7,7 @@ import struct
 import termios
 from urllib.parse import urlsplit
 
-from drivers.transport.base import CHUNK, Transport, ioctl_int
+from drivers.transport.base import Transport, ioctl_int
 from runtime.contracts.errors import DeviceError
 
 TCP_DEAD = 2.0  # s without an acknowledgement after which a TCP link counts as lost
@@ -16,6 +16,8 @@ CONNECT = 3.0  # s
 
 class Stream(Transport):
     """A connected stream socket. `reader` differs from `writer` for an echo only."""
+
+    _short_is_last = True  # a terminal's isn't: it gives a page at a time
 
     def __init__(self, url: str, place: str, writer: socket.socket, reader: socket.socket | None = None) -> None:
         super().__init__(url, place)
@@ -30,8 +32,8 @@ class Stream(Transport):
     def _read_fileno(self) -> int:
         return self._reader.fileno()
 
-    def _take(self) -> bytes:
-        return self._reader.recv(CHUNK)
+    def _take(self, most: int) -> bytes:
+        return self._reader.recv(most)
 
     def _give(self, data: bytes) -> int:
         try:

@@ -32,6 +32,8 @@ class Kind(IntEnum):
     TEXT = ord("M")
 
 
+_DATA: Final = int(Kind.DATA)
+
 # Smallest and largest size of a whole message, header included.
 ANSWERS: Final[dict[int, tuple[int, int]]] = {
     Kind.PROTOCOL: (4, 4),
@@ -97,6 +99,16 @@ class Parser:
 
     def feed(self, chunk: bytes) -> list[Message]:
         """Takes bytes as they come; returns the messages they complete, oldest first."""
+        size = len(chunk)
+        if (
+            not self._rest
+            and size > 3
+            and chunk[2] == _DATA
+            and chunk[0] << 8 | chunk[1] == size == self.data.get(chunk[3])
+        ):
+            self.frames += 1  # the ordinary case: the packet of one cycle, and nothing else
+            self._lost = False
+            return [Message(_DATA, chunk[3:])]
         buffer = self._rest + chunk if self._rest else chunk
         found: list[Message] = []
         at, end = 0, len(buffer)

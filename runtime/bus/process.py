@@ -40,7 +40,12 @@ STATUS_PERIOD = 200_000_000  # ns
 SILENT = 500_000_000  # ns without a sign of life, plus two periods, after which the loop counts as dead
 MOST = 16  # rows published in one turn: a simulation faster than real time isn't followed row by row
 NOTES_KEPT = 20
-_NOW, _STATE, _CAUSE, _FLAGS, _LATCHES = CYCLE.now, CYCLE.state, CYCLE.cause, CYCLE.flags, CYCLE.latches
+# The ring wakes nobody: a reader that hangs must cost the loop nothing. The bus looks when the next row to publish is
+# due; a row that is late is looked for at this pace, and ever more seldom.
+SOON, SELDOM = 1_000_000, 20_000_000  # ns between two looks, at least and at most
+APPENDED = 200_000  # ns from the end of a cycle's last phase until its row is surely there
+_CYCLE, _NOW, _WRITE = CYCLE.cycle, CYCLE.now, CYCLE.write
+_STATE, _CAUSE, _FLAGS, _LATCHES = CYCLE.state, CYCLE.cause, CYCLE.flags, CYCLE.latches
 
 
 class Bus:
@@ -64,10 +69,9 @@ class Bus:
         self._events = EventReader(run_folder.events)
         self._remembered: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
         self._wall = int(meta["wall"])
-        period = 1e9 * meta["rate"][1] / meta["rate"][0]
-        self._silence = SILENT + round(2 * period)
+        self._period = round(1e9 * meta["rate"][1] / meta["rate"][0])
+        self._silence = SILENT + 2 * self._period
         self._decimate = config.decimate
-        self._pause = min(max(config.decimate * period / 2e9, 0.002), 0.02)
         self._reporter = Reporter(self._name, self._layout)
         self._arrivals = Arrivals()
         counts = self._reporter.counts
@@ -143,7 +147,12 @@ class Bus:
 
     def _wait(self) -> None:
         """Waits until the next turn is due, or until arriving items have been handled."""
-        self._arrivals.handle(0.001 if self._requests.busy else self._pause)
+        pause = SOON
+        if not self._requests.busy:
+            pause = SELDOM
+            if self._row is not None:
+                pause = next_look(self._row, int(self._every(self._row)), self._period, time.monotonic_ns())
+        self._arrivals.handle(pause / 1e9)
 
     def _turn(self) -> None:
         rows = self._ring.take()
@@ -166,8 +175,7 @@ class Bus:
             self._say_events()
 
     def _publish(self, rows: NDArray[np.int64]) -> None:
-        every = np.where(rows[:, _FLAGS] & FLAG_DEGRADED, 2 * self._decimate, self._decimate)
-        for row in rows[rows[:, 0] % every == 0][-MOST:]:
+        for row in rows[rows[:, _CYCLE] % self._every(rows) == 0][-MOST:]:
             floats = row[self._layout.ints :].view(np.float64)
             for place, encoder, publisher, column in self._signals:
                 taken = int(row[column])
@@ -179,6 +187,10 @@ class Bus:
                     encoder.encode(floats[place], stamp),
                     attachment=attachment.encode(self._sent, stamp, self._sender),
                 )
+
+    def _every(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Every how many-th cycle is published, as each row (..., width) says."""
+        return np.where(rows[..., _FLAGS] & FLAG_DEGRADED, 2 * self._decimate, self._decimate)
 
     def _stamped_by(self, field: Field) -> int:
         """The index of the word with the time of a signal's values: its device's stamp, else the cycle's time."""
@@ -224,6 +236,19 @@ class Bus:
     def _recall(self, query: zenoh.Query) -> None:
         reply(query, self._keys.events, list(self._remembered))
         query.drop()
+
+
+def next_look(row: NDArray[np.int64], every: int, period: int, now: int) -> int:
+    """Returns the ns until the ring is worth a look, SOON to SELDOM.
+
+    Args:
+        row: the newest row (width,).
+        every: each how many-th cycle is published.
+        period: ns from cycle to cycle.
+        now: CLOCK_MONOTONIC ns.
+    """
+    ahead = every - int(row[_CYCLE]) % every
+    return min(max(abs(int(row[_WRITE]) + ahead * period + APPENDED - now), SOON), SELDOM)
 
 
 def _matches(publisher: zenoh.Publisher) -> bool:

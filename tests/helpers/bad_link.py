@@ -54,16 +54,19 @@ class Valve:
             self.given += taken
             return taken
 
-        def taken() -> bytes:
+        def taken(most: int) -> bytes:
             if self.latency:
                 with contextlib.suppress(BlockingIOError):
-                    while data := take():
+                    while data := take(most):
                         self.received += len(data)
                         self._held.append((self.clock() + self.latency, data))
                 if not self._held or self._held[0][0] > self.clock():
                     raise BlockingIOError
-                return self._held.pop(0)[1]
-            data = take()
+                due = []
+                while self._held and self._held[0][0] <= self.clock():
+                    due.append(self._held.pop(0)[1])
+                return b"".join(due)
+            data = take(most)
             self.received += len(data)
             return data
 
