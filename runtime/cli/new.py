@@ -26,6 +26,7 @@ from runtime.ipc import older
 from runtime.profile import profile
 from runtime.profile.begun import begin, check_name
 from runtime.profile.graph import Graph
+from runtime.profile.limb_drives import KINDS
 from runtime.profile.option_tree import options
 from runtime.profile.overrides import split
 
@@ -38,11 +39,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--from", dest="template", metavar="PROFILE", help="begin as this one (srl list); left out: asks, on a terminal"
     )
-    parser.add_argument("--urdf", metavar="FILE", help="begin as a limb of servos with this URDF, in place of --from")
+    parser.add_argument("--urdf", metavar="FILE", help="begin as a limb with this URDF, in place of --from")
     parser.add_argument("--base", metavar="LINK", help="with --urdf: the link at the limb's base; default: the root")
     parser.add_argument("--tip", metavar="LINK", help="with --urdf: the link at the limb's end")
     parser.add_argument(
-        "--driver", choices=("dynamixel", "feetech"), default="dynamixel", help="with --urdf: of its servos"
+        "--driver", choices=tuple(KINDS), help="with --urdf: what moves its joints; left out: asks, on a terminal"
     )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="write this value into it")
     parser.add_argument(
@@ -73,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             raise RequestError("--from", "--urdf says what the profile begins as", "Leave one of them out")
         ports = [f"devices.{device}.port={json.dumps(port)}" for device, port in map(_port, args.port)]
         return new_robot.write(args, target, [*args.set, *ports])
-    if typed := next((option for option in ("base", "tip") if getattr(args, option) is not None), None):
+    if typed := next((option for option in ("base", "tip", "driver") if getattr(args, option) is not None), None):
         raise RequestError(f"--{typed}", "it is for a limb's URDF", "Give --urdf FILE, or leave it out")
     template, ports = args.template, list(args.port)
     if template is None:

@@ -1,15 +1,17 @@
-"""What `srl new` asks on a terminal: which profile to begin as, and at which port each device is."""
+"""What `srl new` asks on a terminal: which profile to begin as, what moves a limb, at which port each device is."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any
 
 from runtime.cli.find_port import likely
 from runtime.cli.printable import printable
 from runtime.contracts.errors import RequestError, nearest
 from runtime.profile import profile, shelf
+from runtime.profile.limb_drives import KINDS, Asked
 from runtime.profile.ports import local_path
 from runtime.service import serial_ports
 from runtime.service.serial_ports import SerialPort
@@ -22,10 +24,52 @@ def template(name: str) -> str:
         problem = "it isn't said what the new profile begins as"
         raise RequestError("--from", problem, f"For example srl new {name} --from sixth-finger. {nearest('', names)}")
     print("Profiles that come with srl:")
-    for i, each in enumerate(names, 1):
-        print(f"  {i:2} {each:<18} {shelf.summary(each) or profile.load(each)[0].summary}")
+    return _one_of(
+        {each: shelf.summary(each) or profile.load(each)[0].summary for each in names},
+        "Which is nearest to yours? Number or name: ",
+    )
+
+
+def driver(name: str) -> str:
+    """Asks for the driver of a limb from its URDF. Raises RequestError: nobody can answer, or no answer came."""
+    if not _terminal():
+        problem = "it isn't said what moves the limb's joints"
+        raise RequestError("--driver", problem, f"For example srl new {name} --urdf FILE --driver feetech. "
+                           f"{nearest('', KINDS)}")  # fmt: skip
+    print("What moves the limb's joints:")
+    return _one_of({each: kind.words for each, kind in KINDS.items()}, "Which is yours? Number or name: ")
+
+
+def option(place: str, setting: str, asked: Asked, meaning: Callable[[str], Any]) -> Any:
+    """Asks for an option that can't be guessed, and returns what the answer means.
+
+    Args:
+        place: of the error where nobody can answer, or no answer came.
+        setting: how it is said on the command line, up to the value.
+        asked: the question.
+        meaning: of an answer; raises ValueError, for people.
+    """
+    choices = " or ".join(asked.answers) or asked.example
+    if not _terminal():
+        raise RequestError(place, f"it isn't said {asked.what}", f"Add {setting}{asked.example} ({choices})")
     while True:
-        answer = _ask("Which is nearest to yours? Number or name: ")
+        try:
+            return meaning(_ask(f"{asked.what[0].upper()}{asked.what[1:]}? {_hint(asked)}: "))
+        except ValueError as error:
+            print(printable(str(error)))
+
+
+def _hint(asked: Asked) -> str:
+    return "Yes or no" if asked.kind == "yes" else " or ".join(asked.answers) or f"For example {asked.example}"
+
+
+def _one_of(words: Mapping[str, str], question: str) -> str:
+    """Shows names with what they are, and asks for one."""
+    names = list(words)
+    for i, each in enumerate(names, 1):
+        print(f"  {i:2} {each:<18} {words[each]}")
+    while True:
+        answer = _ask(question)
         if _is_number(answer) and 1 <= int(answer) <= len(names):
             return names[int(answer) - 1]
         if answer in names:

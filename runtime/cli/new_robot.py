@@ -1,12 +1,15 @@
-"""`srl new NAME --urdf FILE`: a profile for a limb from its URDF, with servos chosen by its weight."""
+"""`srl new NAME --urdf FILE`: a profile for a limb from its URDF, with motors chosen by its weight."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from runtime.cli import new_ports
+from runtime.cli import new_ports, new_questions
 from runtime.cli.check import examine
 from runtime.cli.printable import printable
 from runtime.contracts import whole_file
@@ -14,13 +17,17 @@ from runtime.contracts.errors import RequestError
 from runtime.ipc import older
 from runtime.profile.edit import edited
 from runtime.profile.from_urdf import Limb
+from runtime.profile.limb_drives import DEVICE, KINDS, Asked, Drives
+from runtime.profile.overrides import split
 
 
 def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
     """Writes the profile, checks it, and says what comes next. Returns 0; what is wrong is raised."""
     file = Path(args.urdf)
-    limb = Limb(file, args.base, args.tip, args.driver)
-    begun = str(edited(f"{args.name}.yaml", limb.profile(args.name, target.parent), overrides))
+    drives = KINDS[args.driver or new_questions.driver(args.name)]
+    answers, rest = _answers(drives, overrides, target.parent)
+    limb = Limb(file, args.base, args.tip, drives, answers)
+    begun = str(edited(f"{args.name}.yaml", limb.profile(args.name, target.parent), rest))
     kept = older.keep(target)
     try:
         whole_file.write(target, begun.encode(), RequestError)
@@ -35,9 +42,44 @@ def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
     doubts = [f"doubted: {doubt}" for doubt in (*real.doubts, *graph.doubts)]
     for line in dict.fromkeys([*graph.remarks, *doubts, *limb.strained(), *new_ports.remarks(real)]):
         print(printable(f"  {line}"))
-    print("  ids, directions and zeros are guesses: jog each joint of the real limb before anything else")
+    more = f"; so are {drives.guessed}" * bool(drives.guessed)
+    print(f"  ids, directions and zeros are guesses: jog each joint of the real limb before anything else{more}")
     print("Next:")
     name = shlex.quote(str(target))
     for line in (f"srl check {name}", f"srl jog {name} --sim", f"srl run {name} --sim --view", f"srl jog {name}"):
         print(f"  {line}")
     return 0
+
+
+def _answers(drives: Drives, overrides: list[str], folder: Path) -> tuple[dict[str, Any], list[str]]:
+    """What only a person knows of the motors, said by overrides or asked for, and the overrides of the rest."""
+    said = {path: text for path, text in map(split, overrides)}
+    answers: dict[str, Any] = {}
+    taken = set()
+    while (asked := drives.asks(answers)) is not None:
+        path = f"devices.{DEVICE}.{asked.option}"
+        if path in said:
+            taken.add(path)
+            answers[asked.option] = _said(asked, path, said[path], folder)
+        else:
+            meaning = partial(_seen, asked, folder)
+            place = f"--driver {drives.driver}"
+            answers[asked.option] = new_questions.option(place, f"--set {path}=", asked, meaning)
+    return answers, [override for override in overrides if split(override)[0] not in taken]
+
+
+def _said(asked: Asked, path: str, text: str, folder: Path) -> Any:
+    try:
+        return _seen(asked, folder, text)
+    except ValueError as error:
+        raise RequestError(f"--set {path}={text}", f"it says {asked.what}", f"{error}") from None
+
+
+def _seen(asked: Asked, folder: Path, text: str) -> Any:
+    """What an answer means; a path that was typed begins here, and one in the profile beside it."""
+    value = asked.value(text)
+    if asked.kind == "file":
+        if not Path(value).expanduser().is_file():
+            raise ValueError(f"There is no file {value}")
+        return os.path.relpath(Path(value).expanduser().absolute(), folder.absolute())
+    return value

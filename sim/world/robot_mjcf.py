@@ -16,6 +16,8 @@ from sim.world.mjcf import FINGER_BIT, HAND_BIT, OBJECT_BIT, add
 from sim.world.part import Mjcf
 
 ROBOT_BIT: Final = 8
+_SHORT: Final = 1e-6  # m, below which MuJoCo finds no direction between a capsule's ends
+POINT: Final = 1e-6  # m^2: inertia for each kg of a body that has none, as MuJoCo wants some
 SPECK: Final = 1e-12  # kg and kg m^2, of a body without mass or inertia of its own
 # Robots touch people and objects, but neither each other nor themselves.
 ROBOT_CONTACT: Final = {"contype": ROBOT_BIT, "conaffinity": HAND_BIT | FINGER_BIT | OBJECT_BIT}
@@ -99,25 +101,21 @@ def add_chain(
 
 
 def add_inertial(body: Element, inertial: Inertial) -> None:
-    """Adds mass, centre of mass and inertia, in the body's frame."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertial.inertia.tolist()
+    """Adds mass, centre of mass and inertia, in the body's frame. A point mass becomes a ball: see `POINT`."""
+    inertia = inertial.inertia
+    if inertial.mass > 0.0 and np.trace(inertia) < 1e-6 * POINT * inertial.mass:  # nothing, but for rounding
+        inertia = POINT * inertial.mass * np.eye(3)
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.tolist()
     add(body, "inertial", pos=inertial.com, mass=inertial.mass, fullinertia=(xx, yy, zz, xy, xz, yz))
 
 
 def add_shape(body: Element, shape: tuple[Capsule, ...]) -> None:
     """Adds massless capsules that take part in contacts."""
     for capsule in shape:
-        ends = (*capsule.start, *capsule.end)
-        add(
-            body,
-            "geom",
-            type="capsule",
-            fromto=ends,
-            size=capsule.radius,
-            mass=0,
-            rgba="0.9 0.9 0.9 1",
-            **ROBOT_CONTACT,
-        )
+        where: dict[str, object] = {"type": "capsule", "fromto": (*capsule.start, *capsule.end)}
+        if np.allclose(capsule.start, capsule.end, atol=_SHORT):
+            where = {"type": "sphere", "pos": capsule.start}
+        add(body, "geom", **where, size=capsule.radius, mass=0, rgba="0.9 0.9 0.9 1", **ROBOT_CONTACT)
 
 
 def placed(placement: Array) -> dict[str, object]:

@@ -12,11 +12,13 @@ from runtime.cli import main
 from runtime.profile import profile
 from srl.testing import Lab
 
-# Package, the file's end there, base, tip, driver, number of joints.
+DAMIAO = ("mit-can", "--set", "devices.arm.maker=damiao")
+# Package, the file's end there, base, tip, driver with what it asks, number of joints.
 PUBLISHED = {
-    "icub": ("icub-models", "robots/iCubGenova11/model.urdf", "chest", "r_hand", "dynamixel", 7),
-    "so101": ("example-robot-data", "so_arm_description/urdf/so101.urdf", "", "gripper_frame_link", "feetech", 5),
-    "finger": ("example-robot-data", "finger_edu_description/robots/finger_edu.urdf", "", "", "feetech", 3),
+    "ur3e": ("airo-models", "arms/ur3e/ur3e.urdf", "", "", DAMIAO, 6),
+    "icub": ("icub-models", "robots/iCubGenova11/model.urdf", "chest", "r_hand", ("dynamixel",), 7),
+    "finger": ("robot-properties-fingers", "urdf/edu/fingeredu.urdf", "", "", DAMIAO, 3),
+    "so101": ("example-robot-data", "so_arm_description/urdf/so101.urdf", "", "gripper_frame_link", ("feetech",), 5),
 }
 
 
@@ -37,7 +39,7 @@ def test_a_published_robot_becomes_a_limb_that_moves(
     file = file_of(package, end)
     monkeypatch.chdir(tmp_path)
     ends = [word for key, link in (("--base", base), ("--tip", tip)) if link for word in (key, link)]
-    assert main(["new", "mine", "--urdf", str(file), *ends, "--driver", driver]) == 0
+    assert main(["new", "mine", "--urdf", str(file), *ends, "--driver", *driver]) == 0
     assert "too little room" not in capsys.readouterr().out
     robot = profile.load("mine.yaml")[0].models["limb"].robot
     assert len(robot.labels) == joints

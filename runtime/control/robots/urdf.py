@@ -12,7 +12,8 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Final
 from urllib.parse import unquote, urlsplit
-from xml.etree.ElementTree import Element, ParseError, fromstring
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 
@@ -103,16 +104,29 @@ class UrdfTree:
 def tree(content: bytes, file: Path) -> UrdfTree:
     """Reads the links and joints of a URDF. Raises OptionError: it can't be used."""
     try:
-        root = fromstring(content)
-    except (ParseError, UnicodeDecodeError, LookupError, ValueError) as error:
+        root = _parsed(content)
+    except (expat.ExpatError, UnicodeDecodeError, LookupError, ValueError) as error:
         raise OptionError(f"{file} isn't XML: {error}", "Name a URDF") from None
     if root.tag != "robot":
         raise OptionError(f"{file} isn't a URDF: it begins with <{root.tag}>", "Name a URDF")
     links = {_name(e, file): e for e in root.findall("link")}
+    for kind in ("link", "joint"):
+        told = [_name(e, file) for e in root.findall(kind)]
+        if twice := next((name for i, name in enumerate(told) if name in told[:i]), None):
+            raise OptionError(f"{file}: two {kind}s are called '{twice}'", "Give each a name of its own in the URDF")
     if not 0 < len(links) <= MOST:
         raise OptionError(f"{file} has {len(links)} links; 1 to {MOST} are read", _EXPAND)
     joints = [_joint(e, file) for e in root.findall("joint")]
     return UrdfTree(links, joints, _tree(joints, links, file), file, root.get("name") or file.stem)
+
+
+def _parsed(content: bytes) -> Element:
+    """The root element. Prefixes that nothing declares, such as `drake:`, stay part of a name: readers of ROS do so."""
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(content, True)
+    return builder.close()
 
 
 def read(content: bytes, file: Path, names: Sequence[str], base: str | None = None, tip: str | None = None) -> Urdf:

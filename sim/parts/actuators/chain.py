@@ -48,11 +48,8 @@ class ActuatorChain(ServoChain[ActuatorMotors]):
     """
 
     Config: ClassVar[type[PartConfig]] = ActuatorChainConfig
+    catalogue = MODELS
     summary = "chain of axes with actuators on CAN: CubeMars AK, Damiao, ODrive"
-
-    def nominal(self, axis: ServoAxis) -> ActuatorModel:
-        assert isinstance(axis, AxisConfig)
-        return MODELS[axis.model]
 
     def servos(self, voltage: float, timestep: float) -> ActuatorMotors:
         assert all(isinstance(model, ActuatorModel) for model in self.models)

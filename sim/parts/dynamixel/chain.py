@@ -64,6 +64,7 @@ class ServoAxis(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    model: str = Field(description="the maker's name of its servo")
     axis: Vector = Field((0.0, 0.0, 1.0), description="in the frame of the link before")
     link: Vector = Field((0.08, 0.0, 0.0), description="m, from this axis to the next, or to the tip")
     radius: float = Field(0.015, gt=0, description="m, of the link")
@@ -102,7 +103,8 @@ class ServoChainConfig(PartConfig):
     def _names_are_free(self) -> Self:
         for name in ("base", "tip", "flange"):
             if name in self.axes:
-                raise ValueError(f"no axis can be called '{name}': a body of the chain is")
+                problem = f"no axis can be called '{name}': a body of the chain is"
+                raise OptionError(problem, "Rename it, in the URDF, too, where it comes from there")
         if self.robot is not None:
             self._fits_robot(self.robot)
         if self.arms is None:
@@ -180,11 +182,14 @@ class ServoChain(Part, Generic[D]):
     friction and drag of the motors, `NAME_temperature` (n,) degC, `NAME_tip` (1, 3) m in the world.
 
     Attributes:
+        catalogue: the servos that it can have, by their makers' names.
         motors: the servos, at their shafts.
         names: names of the axes.
         scale: (n,), rad or m of an axis per rad of its shaft.
         zero: (n,), rad.
     """
+
+    catalogue: ClassVar[Mapping[str, Nominal]]
 
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
@@ -193,7 +198,7 @@ class ServoChain(Part, Generic[D]):
         self.names, n = tuple(axes), len(axes)
         self.scale = np.array([axis.scale for axis in axes.values()])
         self.zero = np.array([axis.zero for axis in axes.values()])
-        self.models = tuple(self.nominal(axis) for axis in axes.values())
+        self.models = tuple(self.catalogue[axis.model] for axis in axes.values())
         linear = all(axis.m_per_rad is not None for axis in axes.values())
         units = ("m", "m/s", "N") if linear else ("rad", "rad/s", "N m")
         kinds = zip(("position", "velocity", "effort", "temperature"), (*units, "degC"), strict=True)
@@ -210,10 +215,6 @@ class ServoChain(Part, Generic[D]):
             ),
         )
         self.every = 1
-
-    @abstractmethod
-    def nominal(self, axis: ServoAxis) -> Nominal:
-        """The nominal values of an axis' servo."""
 
     @abstractmethod
     def servos(self, voltage: float, timestep: float) -> D:
@@ -341,11 +342,8 @@ class DynamixelChain(ServoChain[Motors]):
     """A chain of MX servos; see `ServoChain`."""
 
     Config: ClassVar[type[PartConfig]] = DynamixelChainConfig
+    catalogue = MODELS
     summary = "chain of axes with Dynamixel MX servos"
-
-    def nominal(self, axis: ServoAxis) -> Nominal:
-        assert isinstance(axis, AxisConfig)
-        return MODELS[axis.model]
 
     def servos(self, voltage: float, timestep: float) -> Motors:
         return Motors(self.models, voltage, timestep)

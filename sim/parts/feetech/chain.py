@@ -6,7 +6,6 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from drivers.dynamixel.models import Nominal
 from drivers.feetech.models import MODELS
 from sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
 from sim.parts.feetech.motors import FeetechMotors
@@ -29,11 +28,8 @@ class FeetechChain(ServoChain[FeetechMotors]):
     """A chain of STS servos; see `ServoChain`."""
 
     Config: ClassVar[type[PartConfig]] = FeetechChainConfig
+    catalogue = MODELS
     summary = "chain of axes with Feetech STS servos"
-
-    def nominal(self, axis: ServoAxis) -> Nominal:
-        assert isinstance(axis, AxisConfig)
-        return MODELS[axis.model]
 
     def servos(self, voltage: float, timestep: float) -> FeetechMotors:
         return FeetechMotors(self.models, voltage, timestep)

@@ -95,6 +95,23 @@ def test_the_simulated_arm_is_the_one_that_mujoco_reads(style: str) -> None:
         assert robot.forward(q)[:3, 3] == pytest.approx(place.xpos, abs=1e-9)
 
 
+def test_a_point_mass_can_be_simulated_and_is_doubted() -> None:
+    """As some write it: a mass, and zeros for its inertia. A ball as contact shape has no length."""
+    point = re.sub(r"<cylinder.*?/>", '<sphere radius="0.04"/>', HIP)
+    point = point.replace('ixx="2e-4" ixy="0" ixz="0" iyy="2e-3" iyz="0" izz="2e-3"', "", 1)
+    assert point != HIP
+    robot = model(point, tip="tool").robot
+    assert any("l3" in doubt and "osmium" in doubt for doubt in robot.doubts)
+    mjcf, root = Mjcf(), Element("mujoco")
+    add_chain(mjcf, mjcf.worldbody, robot, "arm", {name: {} for name in robot.labels})
+    root.append(mjcf.worldbody)
+    made = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
+    inertia = made.body_inertia[made.body("arm/elbow").id]
+    assert made.body_mass[made.body("arm/elbow").id] == pytest.approx(0.4)
+    assert (inertia > 0.0).all()
+    assert (inertia < 1e-6).all()
+
+
 def test_limits_are_the_files_and_the_entrys_where_it_has_any() -> None:
     robot = model(HIP, tip="tool", limits={"elbow": {"upper": 1.0, "velocity": 2.0}}, home={"elbow": 0.5}).robot
     assert robot.q_upper.tolist() == [1.5, 2.0, 1.0, 2.4]
@@ -121,6 +138,8 @@ def test_a_gripper_behind_the_tip_is_carried_as_it_stands() -> None:
         ('<limit lower="-2" upper="2"', "<limit", "joint shoulder has no position limits"),
         ('type="revolute"><parent link="l1"', 'type="floating"><parent link="l1"', "joint shoulder.*'floating'"),
         ('velocity="6"/></joint>', 'velocity="6"/><mimic joint="wrist"/></joint>', "yaw follows 'wrist'"),
+        ('<link name="tool"', '<link name="l4"', "two links are called 'l4'"),
+        ('name="wrist"', 'name="yaw"', "two joints are called 'yaw'"),
         ('mass value="0.7"', 'mass value="heavy"', "link l2: mass: 'heavy' isn't 1 numbers"),
     ],
 )
@@ -141,6 +160,13 @@ def test_what_can_not_be_is_refused(old: str, new: str, reason: str) -> None:
 )
 def test_what_is_probably_wrong_is_doubted(old: str, new: str, doubt: str) -> None:
     assert any(re.search(doubt, found) for found in model(HIP.replace(old, new, 1), tip="tool").robot.doubts)
+
+
+def test_prefixes_that_nothing_declares_are_read_past() -> None:
+    """As in published files of the UR arms."""
+    text = HIP.replace('<limit lower="-1.5"', '<limit drake:acceleration="2.5" lower="-1.5"', 1)
+    text = text.replace("</robot>", "<xyz:gazebo/></robot>")
+    assert model(text, tip="tool").robot.q_lower[0] == -1.5
 
 
 def test_inertias_in_other_units_are_doubted() -> None:
