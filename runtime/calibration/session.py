@@ -25,7 +25,7 @@ from runtime.contracts.errors import RequestError, SrlError
 from runtime.control.models import bodies
 from runtime.control.shared.guided import Procedure, Samples
 from runtime.ipc.launch import ANONYMOUS
-from runtime.ipc.run_folder import free_bytes
+from runtime.ipc.run_folder import ROOM, free_bytes
 from runtime.profile import profile, shelf
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
@@ -44,7 +44,6 @@ _METHODS: Final = {
     "suit": "suit_method.SuitMethod",
     "servos": "servo_method.ServoMethod",
 }
-_ROOM: Final = 64 << 20  # bytes: some minutes of rows, the report and the file
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError
@@ -132,8 +131,8 @@ def _live(
 def _check_room(*folders: Path) -> None:
     """Raises RequestError: a disk is full, so what a person does could neither be recorded nor written."""
     for folder in folders:
-        if free_bytes(folder) < _ROOM:
-            problem = f"its disk has less than {_ROOM >> 20} MiB free, so what is done could be lost"
+        if free_bytes(folder) < ROOM:
+            problem = f"its disk has less than {ROOM >> 20} MiB free, so what is done could be lost"
             raise RequestError(str(folder), problem, "Free some, or choose another folder: -o, --record")
 
 

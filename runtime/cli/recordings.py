@@ -182,7 +182,8 @@ def _person(entry: Entry, asked: str | None) -> str | None:
 
 
 def _delete(chosen: Sequence[Entry], args: argparse.Namespace) -> int:
-    from runtime.recording.index import delete, entries
+    from runtime.recording.index import entries
+    from runtime.recording.keep import LEDGER, strike
 
     if not chosen:
         print(json.dumps({"deleted": [], "failed": 0}) if args.json else "no recordings")
@@ -195,8 +196,12 @@ def _delete(chosen: Sequence[Entry], args: argparse.Namespace) -> int:
     deleted, failed = [], 0
     for entry in chosen:
         try:
-            delete(entry)
+            strike(args.folder, entry, "srl recordings --delete")
             deleted.append(entry.name)
+        except OSError as error:
+            place = args.folder / LEDGER
+            print(f"srl recordings: {entry.name} stays: {place}: {error.strerror or error}", file=sys.stderr)
+            failed += 1
         except RecordingError as error:
             print(f"srl recordings: {error}", file=sys.stderr)
             failed += 1

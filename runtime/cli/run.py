@@ -19,7 +19,8 @@ from runtime.contracts.files import encoded
 from runtime.ipc import latches
 from runtime.ipc.events import Level
 from runtime.ipc.launch import ANONYMOUS, Launch
-from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.layout import Layout
+from runtime.ipc.run_folder import ROOM, RunFolder, free_bytes
 from runtime.ipc.words import Cause
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
@@ -98,7 +99,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
         launch = Launch(
             source.label, source.text, list(source.overrides), str(source.files.folder), encoded(source.files.kept),
             args.sim, args.fast, cycles, automatic, [] if standing is None else latches.names(standing.latches),
-            record is not None, args.person or "",
+            record is not None, args.person or "", _make_room(args, source, checked, status),
         )  # fmt: skip
         telemetry = helpers(where, checked.bus is not None, record, args.view)
         supervisor = Supervisor(where, launch, state, telemetry, status.line)
@@ -234,6 +235,35 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
         raise RequestError("--figure", f"there is no folder {args.figure.parent}", "Make it first")
     if args.figure is not None and args.figure.suffix.lower() not in PICTURES:  # else it would fail after the run
         raise RequestError("--figure", f"'{args.figure.name}' isn't named as a picture", "Name it like run.png")
+
+
+def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profile, status: Status) -> list[str]:
+    """Deletes what `record.keep` doesn't keep, and returns what it deleted.
+
+    Raises:
+        RequestError: the disk is nearly full, or too much is kept for another recording.
+    """
+    if args.record is None:
+        return []
+    folder = args.record.absolute().parent
+    said: list[str] = []
+    if checked.record.keep is not None:
+        # Not at the top: it loads rerun.
+        from runtime.recording.keep import Keep, make_room
+        from runtime.recording.summary import persons
+
+        run = Layout(devices=[])
+        run.meta = {"person": args.person, "profile": source.text, "files": encoded(source.files.kept)}
+        why = make_room(folder, Keep.of(checked.record.keep.model_dump()), persons(run), said.append)
+        for text in said:
+            status.line(text)
+        if why:
+            remedy = "Move or delete some (srl recordings --delete), or raise record.keep in the profile"
+            raise RequestError(f"--record: {folder}", why, remedy)
+    if free_bytes(folder) < ROOM:
+        problem = f"its disk has less than {ROOM >> 20} MiB free, so the recording would soon be cut short"
+        raise RequestError(f"--record: {folder}", problem, "Free some, or choose another folder")
+    return said
 
 
 def _check_owners(person: str | None, source: Source, graph: Graph) -> None:

@@ -31,6 +31,7 @@ class Launch:
         latches: names of the latches that stand from an earlier run: this run then starts in STOPPED.
         recorded: True if a recorder reads the rows: an unpaced simulation then waits for it.
         person: the wearer's anonymous id, for the recording; empty: not said.
+        said: what was done before the loop, for its events: recordings that were deleted.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -47,6 +48,7 @@ class Launch:
     latches: list[str] = field(default_factory=list)
     recorded: bool = False
     person: str = ""
+    said: list[str] = field(default_factory=list)
 
     @property
     def content(self) -> bytes:

@@ -16,6 +16,7 @@ SERVICES = Path("/run/srl")  # folder of the systemd unit's instances
 _SOCKET_PATH = 107  # bytes, sun_path without its terminator
 _LOOKS = 0.2  # s, longer than looks at the lock take
 _PAUSE = 0.001  # s between two tries
+ROOM = 64 << 20  # bytes free on a disk for a recording to begin there: some minutes of rows
 MODE = 0o750  # only the service's user moves limbs; its group may read and send requests
 
 

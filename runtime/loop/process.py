@@ -80,6 +80,8 @@ class Process:
         files = Files(Path(launch.folder), decoded(launch.files, "the launch file"))
         checked, source = profile.parse(launch.label, launch.text, launch.overrides, files)
         graph = self.graph = wiring.build(checked, source, launch.sim)
+        for text in launch.said:
+            self.report(text)
         for doubt in graph.doubts:
             self.report(f"doubted: {doubt}")
         for remark in graph.remarks:

@@ -65,7 +65,8 @@ def describe(
         "frames": {n: f.model_dump() for n, f in _seen(frames, signals).items()},
         "scenery": scenery,
         "bus": profile.bus.model_dump() if profile.bus is not None else None,
-        "record": {"plots": _plots(profile, source, signals, simulated)},
+        "record": {"plots": _plots(profile, source, signals, simulated)}
+        | ({} if profile.record.keep is None else {"keep": profile.record.keep.model_dump()}),
     }
 
 

@@ -159,10 +159,18 @@ class EmergencyInput(Element):
     category: Reaction = "stop"
 
 
+class Keep(Part):
+    """`record.keep`: which recordings of a folder are kept. Without it, all."""
+
+    days: float | None = Field(None, gt=0, allow_inf_nan=False, description="older ones are deleted")
+    gigabytes: float | None = Field(None, gt=0, allow_inf_nan=False, description="a folder's, at most")
+
+
 class Record(Part):
-    """`record`: what a recording shows in addition to the signals themselves."""
+    """`record`: what a recording shows in addition to the signals themselves, and how long recordings are kept."""
 
     plots: tuple[Plot, ...] = ()
+    keep: Keep | None = None
 
 
 class Profile(Part):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -133,21 +132,23 @@ class Merger:
         self._stream.rows(sequence[new], rows)
         self._stream.events(list(events), list(events.values()))
         data = strip(self._binary.read())
-        self._compare(segment, data, _sum(sequence[new], rows), events)
+        self._compare(segment, data, sequence[new], rows, events)
         last = int(sequence[-1]) if len(sequence) else 0
         return _Piece(segment, data, last, set(events))
 
-    def _compare(self, segment: Path, data: bytes, expected: tuple[int, int], events: Mapping[int, Event]) -> None:
-        """Reads a piece back as a reader will."""
+    def _compare(self, segment: Path, data: bytes, sequence: Words, rows: Words, events: Mapping[int, Event]) -> None:
+        """Reads a piece back as a reader will, and compares rows (k, width) with their numbers (k,), and events."""
         scratch = os.memfd_create("srl-piece", os.MFD_CLOEXEC)
         try:
             append(scratch, self._head + data, 0)
             copy = Source([Path(f"/proc/self/fd/{scratch}")])
-            rows = check = 0
+            count, same = 0, True
             for s, r in copy.blocks():
-                rows, check = rows + len(s), _sum(s, r, check)[1]
-            if (rows, check) != expected or copy.events != events or copy.text != self._text or copy.cut:
-                problem = f"packed it isn't complete ({rows} of {expected[0]} rows)"
+                part = slice(count, count + len(s))
+                same = same and np.array_equal(s, sequence[part]) and np.array_equal(r, rows[part])
+                count += len(s)
+            if count != len(rows) or copy.events != events or copy.text != self._text or copy.cut or not same:
+                problem = f"packed it isn't complete ({count} of {len(rows)} rows)"
                 raise RecordingError(str(segment), problem, self._kept)
         finally:
             os.close(scratch)
@@ -169,11 +170,6 @@ class Merger:
             os.lseek(self._file, before, os.SEEK_SET)
             self._size = before
             raise
-
-
-def _sum(sequence: Words, rows: Words, check: int = 0) -> tuple[int, int]:
-    """Number and checksum of rows: equal for two readings of the same rows, however they are split."""
-    return len(sequence), zlib.crc32(np.column_stack([sequence, rows]).tobytes(), check)
 
 
 def _sync(folder: Path) -> None:

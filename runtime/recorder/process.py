@@ -19,11 +19,14 @@ from runtime.recorder.merge import Merger
 from runtime.recorder.stream import Stream
 from runtime.recorder.tail import Tail
 from runtime.recording.framing import HEADER, strip
+from runtime.recording.keep import Keep, make_room
 from runtime.recording.reader import check_run
 from runtime.recording.segments import Segments, check_target, claim, folder_of, listed
 from runtime.recording.source import Source
+from runtime.recording.summary import persons
 
 RETRY = 0.5  # s between attempts to write to a full disk
+LOOK = 60.0  # s between looks at what the folder needn't keep
 PATIENCE = 10.0  # s after the run's end during which the recorder waits for room on a full disk
 
 WELL, INCOMPLETE = 0, 1
@@ -60,6 +63,9 @@ class Recorder:
         self._merging: Future[None] | None = None
         self._stuck = self._unmerged = False
         self._lost = 0
+        meta = self._stream.layout.meta
+        self._keep, self._mine = Keep.of((meta.get("record") or {}).get("keep")), persons(self._stream.layout)
+        self._looked, self._full = time.monotonic(), ""  # what starts a run has just looked
 
     def run(self) -> int:
         """Records until the run ends, then merges the rest. Returns the exit code."""
@@ -112,7 +118,17 @@ class Recorder:
                 say(f"{self._folder}: merging again")
             self._unmerged = error is not None
         closed = self._segments.closed
-        self._merging = self._worker.submit(self._merger.merge, closed) if closed else None
+        self._merging = self._worker.submit(self._grow, closed) if closed else None
+
+    def _grow(self, closed: list[Path]) -> None:
+        """Merges segments, and now and then deletes what the folder needn't keep."""
+        self._merger.merge(closed)
+        if time.monotonic() - self._looked > LOOK:
+            self._looked = time.monotonic()
+            full = make_room(self._folder.absolute().parent, self._keep, self._mine, say)
+            if full and not self._full:
+                say(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
+            self._full = full
 
     def _record(self) -> bool:
         """Takes rows until no more will follow. Returns False if there was no room for the last ones."""
@@ -125,7 +141,7 @@ class Recorder:
                 self._lost = self._ring.lost
             if not batch:
                 continue
-            self._stream.pack(batch.sequence, batch.rows)
+            self._stream.pack(batch.sequence, batch.rows, quick=True)
             self._stream.events(batch.numbers, batch.events)
             if not self._store(strip(self._binary.read()), batch.rows.nbytes):
                 return False

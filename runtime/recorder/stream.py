@@ -83,11 +83,11 @@ class Stream:
             self._columns.draw(self.recording, rows)
             self._scene.send(self.recording, self.thin(sequence, rows))
 
-    def pack(self, sequence: Words, rows: Words) -> None:
-        """Sends rows packed, and nothing that is drawn of them."""
+    def pack(self, sequence: Words, rows: Words, quick: bool = False) -> None:
+        """Sends rows packed, and nothing that is drawn of them. `quick`: they are packed again soon."""
         for at in range(0, len(rows), MOST):
             part = slice(at, at + MOST)
-            data = np.frombuffer(pack(sequence[part], rows[part], self.layout.ints, self._near), np.uint8)
+            data = np.frombuffer(pack(sequence[part], rows[part], self.layout.ints, self._near, quick), np.uint8)
             indexes = [rr.TimeColumn(ROW, sequence=sequence[part][-1:]), *self._columns.times(rows[part][-1:])]
             descriptor = rr.ComponentDescriptor("block").with_builtin_archetype(BLOCK)
             column = rr.ComponentColumn(descriptor, ArrowBatch(pa.array(data)), offsets=[0, len(data)])

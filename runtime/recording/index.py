@@ -64,7 +64,7 @@ def entries(folder: Path, rebuild: bool = False, report: Callable[[str], None] =
     with _index(folder / NAME, rebuild, report) as index:
         for path in found:
             name = str(path.relative_to(folder))
-            stamp, size = _stamp(path)
+            stamp, size = stamped(path)
             summary = index.get(name, stamp)
             if summary is None:
                 summary = summarize(path)
@@ -87,7 +87,7 @@ def delete(entry: Entry) -> None:
     if pid := _user(entry.path) or (_user(part) if segments else 0):
         raise RecordingError(str(entry.path), f"process {pid} has it open", "End the run, or the viewer, first")
     try:
-        changed = _stamp(entry.path)[0] != entry.stamp
+        changed = stamped(entry.path)[0] != entry.stamp
     except OSError:
         changed = True  # it has gone, or a file of it has
     if changed:
@@ -129,7 +129,7 @@ def _paths(folder: Path) -> Iterator[Path]:
         yield from (here / name for name in files if name.endswith(".rrd") and not (here / name).is_symlink())
 
 
-def _stamp(path: Path) -> tuple[str, int]:
+def stamped(path: Path) -> tuple[str, int]:
     """What changes when a recording's files do, and their size in bytes."""
     files = [path] if path.is_file() else sorted(p for p in (listed(path) or path.iterdir()) if p.is_file())
     states = [p.stat() for p in files]
@@ -215,6 +215,7 @@ def _open(path: Path, rebuild: bool, report: Callable[[str], None]) -> sqlite3.C
                 path.unlink(missing_ok=True)
             os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))  # it has persons' ids
             connection = sqlite3.connect(path, timeout=_PATIENCE)
+            connection.execute("PRAGMA secure_delete = ON")  # a person's ids go with the recordings
             if connection.execute("PRAGMA user_version").fetchone()[0] != VERSION:
                 connection.execute("DROP TABLE IF EXISTS recordings")
                 connection.execute("CREATE TABLE recordings (name TEXT PRIMARY KEY, stamp TEXT, summary TEXT)")

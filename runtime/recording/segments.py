@@ -15,8 +15,9 @@ from runtime.contracts.errors import RecordingError
 
 ENDING = ".segments"
 GROWING = "000000.rrd"
-SECONDS = 20.0  # of a segment: the longer, the better its rows are packed, and the more there is to do at the end
-BYTES = 24 << 20  # of its rows before they are packed
+SECONDS = 20.0  # of a segment: the longer, the less its drawing takes, and the more there is to do at the end
+BYTES = 8 << 20  # of its rows before they are packed
+FIRST = 2.0  # s of a process's first segment: what stands before the first rows takes long to make
 
 
 def folder_of(target: Path) -> Path:
@@ -85,7 +86,7 @@ class Segments:
         self._number = 0
         self._file: int | None = None
         self._size = self._weight = 0
-        self._begun = 0.0
+        self._begun, self._seconds = 0.0, FIRST
 
     def write(self, data: bytes, weight: int = 0) -> bool:
         """Appends whole messages. When it returns, they have left this process. Whether a segment began with them.
@@ -96,7 +97,8 @@ class Segments:
         Raises:
             OSError: the write failed; earlier data is unharmed.
         """
-        if self._file is not None and (self._weight >= BYTES or time.monotonic() - self._begun >= SECONDS):
+        if self._file is not None and (self._weight >= BYTES or time.monotonic() - self._begun >= self._seconds):
+            self._seconds = SECONDS
             self.close()
         begins = self._file is None
         if begins:

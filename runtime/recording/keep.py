@@ -1,0 +1,166 @@
+"""How long recordings are kept where a profile says so (`record.keep`). Without it nothing is ever deleted.
+
+Only whole recordings of the same folder are deleted, the oldest first, and of no other person than the run's. Each
+deletion is first written down in the folder's `LEDGER`, so none goes unrecorded, whatever is killed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import stat
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.layout import Layout
+from runtime.recording.index import Entry, delete, stamped
+from runtime.recording.segments import ENDING
+from runtime.recording.source import Source
+from runtime.recording.summary import Summary, persons
+
+LEDGER: Final = ".srl-deleted.jsonl"
+_DAY: Final = 86400.0
+_UNSET: Final = 5  # TIME_ERROR of adjtimex: nothing keeps the clock right
+
+
+@dataclass(frozen=True)
+class Keep:
+    """What is kept.
+
+    Attributes:
+        days: what ended earlier is deleted; None: nothing is by its age.
+        bytes: what a folder's recordings may take; None: any.
+    """
+
+    days: float | None = None
+    bytes: float | None = None
+
+    @classmethod
+    def of(cls, said: Mapping[str, Any] | None) -> Keep:
+        """From `record.keep` of a profile, or of a layout that holds it."""
+        size = (said or {}).get("gigabytes")
+        return cls((said or {}).get("days"), None if size is None else size * 1e9)
+
+
+@dataclass(frozen=True)
+class _File:
+    path: Path
+    size: int
+    ended: float  # Unix time, s, of its last change
+    spared: str  # why it is none that may go; "": it may
+
+
+def make_room(folder: Path, keep: Keep, mine: Collection[str], report: Callable[[str], None]) -> str:
+    """Deletes what a folder needn't keep.
+
+    Args:
+        folder: whose recordings; those in folders below it don't count.
+        keep: what is kept.
+        mine: the persons whose recordings may go. Nobody's may go, too.
+        report: is told each deletion, and what stands in its way.
+    Returns:
+        Why the folder holds more than `keep` allows all the same; "": it doesn't.
+    """
+    if keep == Keep():
+        return ""
+    try:
+        files = sorted(_files(folder), key=lambda file: (file.ended, file.path.name))
+    except OSError as error:
+        return f"it can't be read: {error.strerror}"
+    total, now = sum(file.size for file in files), time.time()
+    days = keep.days if keep.days is None or clock_is_kept() else None
+    if days != keep.days:
+        report(f"{folder}: nothing keeps this computer's clock right, so no recording is deleted by its age")
+    for file in files:
+        old = days is not None and now - file.ended > days * _DAY
+        over = keep.bytes is not None and total > keep.bytes
+        if not (old or over):
+            break  # the others are younger
+        if file.spared or _spared(file.path, mine):
+            continue
+        why = f"it is older than {days:g} days" if old else f"the folder holds more than {_gigabytes(keep.bytes)}"
+        try:
+            entry = Entry(file.path, file.path.name, file.size, Summary(), stamped(file.path)[0])
+            strike(folder, entry, why)
+        except (OSError, RecordingError) as error:
+            report(f"{file.path} stays: {error}")
+            continue
+        total -= file.size
+        report(f"{file.path} was deleted ({_gigabytes(file.size)}): {why}")
+    if keep.bytes is None or total <= keep.bytes:
+        return ""
+    return f"its recordings take {_gigabytes(total)} of {_gigabytes(keep.bytes)}, and no more of them may be deleted"
+
+
+def strike(folder: Path, entry: Entry, why: str) -> None:
+    """Writes down that a recording is deleted, and deletes it.
+
+    Raises:
+        OSError: it can't be written down; nothing was deleted.
+        RecordingError: as `delete`; that is written down, too.
+    """
+    ended = _utc(entry.path.stat().st_mtime)
+    _note(folder, entry, ended, why)
+    try:
+        delete(entry)
+    except RecordingError as error:
+        _note(folder, entry, ended, f"it stays: {error.problem}")
+        raise
+
+
+def _note(folder: Path, entry: Entry, ended: str, why: str) -> None:
+    said = {"at": _utc(time.time()), "name": entry.name, "bytes": entry.size, "ended": ended, "why": why}
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    descriptor = os.open(folder / LEDGER, flags, 0o600)
+    try:
+        line = (json.dumps(said) + "\n").encode()
+        if os.write(descriptor, line) != len(line):
+            raise OSError(0, f"the deletion can't be written down in {LEDGER}")
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def clock_is_kept() -> bool:
+    """Whether a time service keeps the computer's clock right. One that jumped would make everything old."""
+    state: int = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(512))  # modes = 0: it only asks
+    return 0 <= state < _UNSET
+
+
+def _files(folder: Path) -> list[_File]:
+    """What takes a folder's room: recordings, and the segments of unfinished ones. No links."""
+    found = []
+    for item in os.scandir(folder):
+        if item.is_dir(follow_symlinks=False) and item.name.endswith(f".rrd{ENDING}"):
+            try:
+                size = stamped(Path(item.path))[1]
+            except FileNotFoundError:
+                continue  # merged meanwhile
+            found.append(_File(Path(item.path), size, item.stat().st_mtime, "it isn't finished"))
+        elif item.is_file(follow_symlinks=False) and item.name.endswith(".rrd"):
+            state = item.stat()
+            kept = "" if state.st_mode & stat.S_IWUSR else "it is write-protected"
+            found.append(_File(Path(item.path), state.st_size, state.st_mtime, kept))
+    return found
+
+
+def _spared(path: Path, mine: Collection[str]) -> bool:
+    """Whether a recording isn't known to be one of these persons', or nobody's."""
+    try:
+        return not set(persons(Layout.from_json(Source([path]).head()))) <= set(mine)
+    except Exception:  # whatever a damaged file makes a library do: nobody knows whose it is
+        return True
+
+
+def _gigabytes(size: float | None) -> str:
+    return f"{(size or 0) / 1e9:.3g} GB"
+
+
+def _utc(when: float) -> str:
+    return datetime.fromtimestamp(when, UTC).isoformat(timespec="seconds")

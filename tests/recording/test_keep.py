@@ -1,0 +1,170 @@
+"""What `record.keep` deletes of a folder, and what it never does: another's, what is open, what nobody can read."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.recording import make_layout, make_rows, make_run
+from helpers.segments import make_segments
+
+from runtime.cli import main
+from runtime.recorder.process import Recorder
+from runtime.recorder.stream import Stream
+from runtime.recording import keep
+from runtime.recording.keep import LEDGER, Keep, make_room
+from runtime.recording.segments import folder_of
+
+DAY = 86400.0
+Save = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The bytes of a recording, by person."""
+    found = {}
+    for person in ("", "P07", "P08"):
+        path = tmp_path_factory.mktemp("made") / "x.rrd"
+        layout = make_layout(extra=1)
+        layout.meta |= {"person": person} if person else {}
+        stream = Stream(layout.text)
+        stream.recording.save(path)
+        stream.prologue(None)
+        stream.rows(np.arange(1, 21), make_rows(layout, 20))
+        stream.recording.disconnect()
+        found[person] = path.read_bytes()
+    return found
+
+
+@pytest.fixture
+def save(tmp_path: Path, made: dict[str, bytes]) -> Save:
+    def save(name: str, days: float, person: str = "") -> Path:
+        path = tmp_path / name
+        path.write_bytes(made[person])
+        os.utime(path, (time.time() - days * DAY,) * 2)
+        return path
+
+    return save
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(keep, "clock_is_kept", lambda: True)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir() if path.name != LEDGER)
+
+
+def ledger(folder: Path) -> list[str]:
+    return [json.loads(line)["name"] for line in (folder / LEDGER).read_text().splitlines()]
+
+
+def test_without_the_key_nothing_is_deleted(tmp_path: Path, save: Save) -> None:
+    save("old.rrd", 9999)
+    assert make_room(tmp_path, Keep.of(None), (), pytest.fail) == ""
+    assert names(tmp_path) == ["old.rrd"]
+
+
+def test_the_oldest_make_room_and_what_must_stay_stays(tmp_path: Path, save: Save) -> None:
+    save("another.rrd", 9, "P08")
+    save("protected.rrd", 8).chmod(0o440)
+    opened = save("opened.rrd", 7)
+    save("elsewhere", 6).rename(tmp_path / "notes.txt")
+    (tmp_path / "torn.rrd").write_bytes(b"no recording of anybody")
+    os.utime(tmp_path / "torn.rrd", (0, 0))
+    (tmp_path / "sub").mkdir()
+    inside = save("inside.rrd", 6).rename(tmp_path / "sub" / "inside.rrd")
+    (tmp_path / "link.rrd").symlink_to(inside)
+    make_segments(folder_of(tmp_path / "running.rrd"), make_layout(), 20)
+    os.utime(folder_of(tmp_path / "running.rrd"), (0, 0))
+    stays = names(tmp_path)
+    size = save("1.rrd", 5).stat().st_size
+    mine = save("2.rrd", 4, "P07").stat().st_size
+    save("3.rrd", 3)
+    full = keep._files(tmp_path)
+    said: list[str] = []
+    room = Keep(bytes=sum(file.size for file in full) - size - mine)
+    with open(opened, "rb"):
+        assert make_room(tmp_path, room, ("P07",), said.append) == ""
+    assert set(names(tmp_path)) - set(stays) == {"3.rrd"}
+    assert set(names(tmp_path)) >= set(stays)
+    assert ledger(tmp_path) == ["opened.rrd", "opened.rrd", "1.rrd", "2.rrd"], "what stays is said, too"
+    assert "opened.rrd stays" in said[0]
+    assert "has it open" in said[0]
+    assert len(said) == 3
+
+
+def test_a_quota_that_others_fill_is_said_and_their_recordings_stay(tmp_path: Path, save: Save) -> None:
+    save("another.rrd", 9, "P08")
+    save("mine.rrd", 1, "P07")
+    why = make_room(tmp_path, Keep(bytes=1.0), ("P07",), lambda text: None)
+    assert "no more of them may be deleted" in why
+    assert names(tmp_path) == ["another.rrd"]
+    order = ["run", "sixth-finger", "--sim", "--duration", "1", "--set", "record.keep.gigabytes=1e-9"]
+    assert main([*order, "--record", str(tmp_path / "new.rrd")]) == 2
+    assert names(tmp_path) == ["another.rrd"]
+
+
+def test_by_age_only_with_a_clock_that_is_kept_right(
+    tmp_path: Path, save: Save, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save("old.rrd", 31)
+    save("young.rrd", 29)
+    save("tomorrow.rrd", -400)  # the clock was set back since
+    said: list[str] = []
+    monkeypatch.setattr(keep, "clock_is_kept", lambda: False)
+    make_room(tmp_path, Keep(days=30.0), (), said.append)
+    assert "clock" in said[0]
+    assert len(names(tmp_path)) == 3
+    monkeypatch.setattr(keep, "clock_is_kept", lambda: True)
+    make_room(tmp_path, Keep(days=30.0), (), said.append)
+    assert names(tmp_path) == ["tomorrow.rrd", "young.rrd"]
+
+
+def test_no_deletion_goes_unrecorded(tmp_path: Path, save: Save, monkeypatch: pytest.MonkeyPatch) -> None:
+    save("old.rrd", 31)
+    room = Keep(days=30.0)
+    (tmp_path / LEDGER).symlink_to(tmp_path / "somewhere")
+    make_room(tmp_path, room, (), lambda text: None)
+    assert (tmp_path / "old.rrd").exists()
+    assert not (tmp_path / "somewhere").exists()
+    (tmp_path / LEDGER).unlink()
+
+    def killed(entry: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(keep, "delete", killed)
+        with pytest.raises(KeyboardInterrupt):
+            make_room(tmp_path, room, (), lambda text: None)
+    make_room(tmp_path, room, (), lambda text: None)
+    assert ledger(tmp_path) == ["old.rrd", "old.rrd"]
+    assert names(tmp_path) == []
+
+
+def test_a_running_recorder_makes_room_and_never_of_its_own(
+    tmp_path: Path, save: Save, capfd: pytest.CaptureFixture[str]
+) -> None:
+    layout = make_layout()
+    layout.meta["record"]["keep"] = {"days": None, "gigabytes": 1e-9}
+    layout.meta["person"] = "P07"
+    run, ring, _ = make_run(tmp_path / "run", layout)
+    (tmp_path / "data").mkdir()
+    for name, person in (("mine.rrd", "P07"), ("another.rrd", "P08")):
+        save(name, 3, person).rename(tmp_path / "data" / name)
+    recorder = Recorder(run, tmp_path / "data" / "out.rrd")
+    ring.append(make_rows(layout, 1)[0])
+    recorder._looked = float("-inf")
+    recorder._grow([])
+    ring.finish()
+    assert recorder.run() == 0
+    assert names(tmp_path / "data") == ["another.rrd", "out.rrd"]
+    said = capfd.readouterr().err
+    assert "mine.rrd was deleted" in said
+    assert "this run is recorded all the same" in said
