@@ -69,7 +69,8 @@ class Layout:
     @property
     def floats(self) -> int:
         """Number of float64 words."""
-        return sum(f.size for f in self.fields.values())
+        last = next(reversed(self.fields.values()), None)  # each begins where the one before it ends
+        return 0 if last is None else last.offset + last.size
 
     @property
     def width(self) -> int:

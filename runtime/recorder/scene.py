@@ -11,6 +11,7 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
@@ -24,7 +25,7 @@ from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plot
 from runtime.recorder.capsules import capsule_columns, capsule_look
 from runtime.recorder.robots import ROOT, Moves, RobotShapes
 from runtime.recorder.solid_shapes import solid_shapes
-from runtime.recording.columns import Columns, entity, rounded
+from runtime.recording.columns import ArrowBatch, Columns, entity, rounded
 from runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
 
 VIEW_RATE = 30.0  # Hz of the loop's clock
@@ -168,7 +169,7 @@ class Scene:
         for field in self._visuals:
             if field.name in thinned.trails:
                 strips = thinned.trails[field.name]
-                shape = [rr.LineStrips3D.columns(strips=strips).partition(np.ones(len(strips), int))]
+                shape = [_strips(strips, 1)]
             else:
                 shape = _shape(field, self._layout.value(thin, field.name))
             columns(entity(field.name), thin, *shape)
@@ -300,6 +301,16 @@ def _shape(field: Field, values: NDArray[np.float64]) -> list[Any]:
     points = values.reshape(k, -1, 3)
     shown = [rr.Points3D.columns(positions=points.reshape(-1, 3)).partition(np.full(k, points.shape[1]))]
     if field.links:
-        strips = [v[list(link)] for v in values for link in field.links]
-        shown.append(rr.LineStrips3D.columns(strips=strips).partition(np.full(k, len(field.links))))
+        shown.append(_strips([v[list(link)] for v in values for link in field.links], len(field.links)))
     return shown
+
+
+def _strips(strips: Sequence[NDArray[np.float64]], each: int) -> list[rr.ComponentColumn]:
+    """The column of lines (points, 3), `each` in a row. With rerun's own this took a fifth of a merge."""
+    points = np.concatenate([np.empty((0, 3)), *strips]).astype(np.float32)
+    corner = pa.list_(pa.field("item", pa.float32(), nullable=False), 3)
+    line = pa.list_(pa.field("item", corner, nullable=False))
+    ends = pa.array(np.append(0, np.cumsum([len(strip) for strip in strips])).astype(np.int32))
+    made = pa.ListArray.from_arrays(ends, pa.FixedSizeListArray.from_arrays(points.ravel(), type=corner), type=line)
+    lengths = np.full(len(strips) // each, each)
+    return [rr.ComponentColumn(rr.LineStrips3D.descriptor_strips(), ArrowBatch(made), lengths=lengths)]

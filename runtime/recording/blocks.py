@@ -38,6 +38,7 @@ class _Kind(IntEnum):
     DIFFERENCE = 5  # a column, length, pcodec's bytes of the difference from it
 
 
+_KINDS = tuple(_Kind)  # by number; quicker than the enum's own look-up
 _BODY = {
     _Kind.CONSTANT: struct.Struct("<q"),
     _Kind.SAME: struct.Struct("<I"),
@@ -121,7 +122,7 @@ def _columns(data: bytes) -> tuple[Words, int]:
     later: list[tuple[_Kind, int, int, int, NDArray[np.int64] | None]] = []
     at = _HEAD.size
     for c in range(count):
-        kind = _Kind(data[at])
+        kind = _KINDS[data[at]]
         what = _BODY[kind].unpack_from(data, at + 1)
         at += 1 + _BODY[kind].size
         coded = None

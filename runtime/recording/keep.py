@@ -27,6 +27,7 @@ from runtime.recording.summary import Summary, persons
 LEDGER: Final = ".srl-deleted.jsonl"
 _DAY: Final = 86400.0
 _UNSET: Final = 5  # TIME_ERROR of adjtimex: nothing keeps the clock right
+_SYNCHRONIZED: Final = Path("/run/systemd/timesync/synchronized")  # for a service that may not ask the kernel
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ def _note(folder: Path, entry: Entry, ended: str, why: str) -> None:
 def clock_is_kept() -> bool:
     """Whether a time service keeps the computer's clock right. One that jumped would make everything old."""
     state: int = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(512))  # modes = 0: it only asks
-    return 0 <= state < _UNSET
+    return state < _UNSET if state >= 0 else _SYNCHRONIZED.exists()
 
 
 def _files(folder: Path) -> list[_File]:
