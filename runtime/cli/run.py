@@ -255,9 +255,9 @@ def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profil
         run = Layout(devices=[])
         run.meta = {"person": args.person, "profile": source.text, "files": encoded(source.files.kept)}
         why = make_room(folder, Keep.of(checked.record.keep.model_dump()), persons(run), said.append)
-        for text in said:
-            status.line(text)
         if why:
+            for text in said:  # else the run's events say it
+                status.line(text)
             remedy = "Move or delete some (srl recordings --delete), or raise record.keep in the profile"
             raise RequestError(f"--record: {folder}", why, remedy)
     if free_bytes(folder) < ROOM:
