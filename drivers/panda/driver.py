@@ -29,6 +29,7 @@ _MOST_LOST: Final = 10_000  # states; a longer gap means that the count jumped
 UNWRITTEN: Final = 3  # states without `write` after which a motion is ended properly; after 20 the robot aborts it
 WIND_UP: Final = 1.0  # s for ending a motion when the device is closed
 _TICK: Final = 1_000_000  # ns per message id
+_RUNNING, _IDLE = Phase.RUNNING, RobotMode.IDLE  # looking a member up takes longer than comparing it
 _WORDS: Final = {
     RobotMode.USER_STOPPED: "stopped by a person: release the stop button (or the enabling device) at the arm",
     RobotMode.GUIDING: "guided by a person: let the guiding buttons at the arm go",
@@ -65,6 +66,7 @@ class Panda(Driver):
         self.config: PandaConfig = config
         self.states = states(config, name)
         self.commands = commands(config)
+        self._command = self.commands[0].name if self.commands else ""
         self._place = f"{name} ({config.port})"
         self._channel: Channel | None = None
         self._states: Datagrams | None = None
@@ -210,7 +212,7 @@ class Panda(Driver):
             raise DeviceLostError(
                 self._place, "no state came from the robot for 1 s", "Check its power, its cable and that FCI is active"
             )
-        if self._newest and self._modes.mode is RobotMode.IDLE and not self._modes.errors:
+        if self._newest and self._modes.mode is _IDLE and not self._modes.errors:
             self._send_settings(channel)
         self._judge()
         if self._id != self._answered:
@@ -227,7 +229,7 @@ class Panda(Driver):
             return
         self._unwritten = 0
         motion = self._motion
-        if motion.phase is Phase.RUNNING:
+        if motion.phase is _RUNNING:
             self._answer()
         elif motion.phase is Phase.NONE and self._may_move(channel):
             channel.ask(motion.ask(), motion.reply)
@@ -296,7 +298,7 @@ class Panda(Driver):
         if self._id == self._answered or link is None or not self._motion.shown(self._modes):
             return
         arrays = self.command_arrays
-        wanted = arrays[self.commands[0].name].tolist() if arrays else [0.0] * 7
+        wanted = arrays[self._command].tolist() if arrays else [0.0] * 7
         packet = self._motion.packet(self._newest, wanted)
         try:
             sent = link.write(packet)
@@ -305,7 +307,7 @@ class Panda(Driver):
             raise
         self.health.unsent = 0 if sent else len(packet)
         if sent and arrays:
-            self.sent_arrays[self.commands[0].name][:] = self._motion.values
+            self.sent_arrays[self._command][:] = self._motion.values
         self._answered = self._id
 
     def _may_move(self, channel: Channel) -> bool:

@@ -18,6 +18,7 @@ from typing import Final
 from drivers.panda.limits import ACCELERATION, DT, JERK, TORQUE, TORQUE_RATE, RobotLimits
 
 STEP: Final = TORQUE * TORQUE_RATE * DT  # N m from one packet to the next
+_APART: Final = 2 * STEP
 FOLLOW: Final = 0.02  # s: time constant for reducing a position error to the moving target
 CATCH: Final = 0.5  # of the acceleration, at most, for slowing down at the end of this
 LOSSES: Final = 19  # packets in a row that may be lost; one more and the robot stops whatever the motion is
@@ -44,11 +45,17 @@ class TorqueLimiter:
             wanted: N m (7,), in addition to the robot's own gravity compensation; a non-finite one keeps `taken`.
             taken: N m (7,), the state's tau_J_d.
         """
+        if not isfinite(sum(wanted)):
+            wanted = [w if isfinite(w) else t for w, t in zip(wanted, taken, strict=True)]
         sent = []
         for w, t, s, E in zip(wanted, taken, self._sent or taken, self._effort, strict=True):
             # The last packet may be lost or still on its way: stay near to both values, if they aren't too far apart.
-            near = s if abs(s - t) < 2 * STEP else t
-            sent.append(min(max(w if isfinite(w) else t, max(t, near) - STEP, -E), min(t, near) + STEP, E))
+            near = s if -_APART < s - t < _APART else t
+            low, high = (near - STEP, t + STEP) if near > t else (t - STEP, near + STEP)
+            # min(max(w, low, -E), high, E): calls of min and max take three times as long
+            low, high = low if low > -E else -E, high if high < E else E
+            bounded = low if w < low else w
+            sent.append(high if bounded > high else bounded)
         self._sent = sent
         return sent
 

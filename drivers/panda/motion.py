@@ -34,6 +34,11 @@ class Phase(Enum):
     ENDING = "ending"  # the arm is brought to rest, then the end is flagged, then the last reply is awaited
 
 
+# Looking a member up takes longer than comparing it.
+_NONE, _ASKED, _ENDING = Phase.NONE, Phase.ASKED, Phase.ENDING
+_POSITION, _TORQUE = Kind.POSITION, Kind.TORQUE
+
+
 class Motion:
     """One motion; see the module's docstring.
 
@@ -93,7 +98,7 @@ class Motion:
 
     def watch(self, modes: Modes, data: bytes) -> None:
         """Takes a state: the motion runs from the first state that shows it."""
-        if self.phase is Phase.NONE or not self._begun:
+        if self.phase is _NONE or not self._begun:
             return
         if not self.shown(modes):
             self._hidden += 1
@@ -101,7 +106,7 @@ class Motion:
                 self.phase, self.outcome = Phase.NONE, "motion ended without a word of the robot"
             return
         self._hidden = 0
-        if self.phase is Phase.ASKED:
+        if self.phase is _ASKED:
             self.phase = Phase.RUNNING
             self.started += 1
             self._torque.start()
@@ -128,9 +133,7 @@ class Motion:
             data: the state.
             wanted: (7,) rad, rad/s or N m; not used while the motion is being ended.
         """
-        self.values = values = (
-            self._torques(data, wanted) if self._kind is Kind.TORQUE else self._movement(data, wanted)
-        )
+        self.values = values = self._torques(data, wanted) if self._kind is _TORQUE else self._movement(data, wanted)
         packet = self._packet
         packet[0:8] = data[0:8]  # the message id
         _SEVEN.pack_into(packet, self._setpoint_at, *values)
@@ -139,7 +142,7 @@ class Motion:
 
     def _torques(self, data: bytes, wanted: list[float]) -> list[float]:
         taken = self._reader.joints(data, "tau_J_d")
-        if self.phase is Phase.ENDING:
+        if self.phase is _ENDING:
             dq = self._reader.joints(data, "dq")
             # The robot's own controller takes over where the arm rests, whatever load it holds. Torques can stay on.
             self._flagged = self._flagged or all(abs(v) <= s for v, s in zip(dq, self._still, strict=True))
@@ -154,14 +157,14 @@ class Motion:
                 number = reader.message_id(data)
                 motion.take(q_d, dq_d, ddq_d, number - self._answered)
                 self._answered = number
-        if self.phase is Phase.ENDING:
+        if self.phase is _ENDING:
             self._flagged = self._flagged or motion.at_rest
             if not self._flagged:
                 motion.velocity([0.0] * 7)
-        elif self._kind is Kind.POSITION:
+        elif self._kind is _POSITION:
             motion.position(wanted)
         else:
             motion.velocity(wanted)
-        if self._kind is Kind.POSITION:
+        if self._kind is _POSITION:
             return motion.q
         return [0.0] * 7 if self._flagged else motion.dq

@@ -35,6 +35,8 @@ CHECK: Final = 100_000_000  # ns between queries whether the motor is on
 GONE: Final = 500_000_000  # ns without an answer after which the hand counts as lost
 PATIENCE: Final = 1_000_000_000  # ns that switching on the motor may take
 _LONG_AGO: Final = -(1 << 62)
+_OFF, _TURNING_ON, _ON, _TURNING_OFF = Motor  # looking a member up takes longer than comparing it
+_GET_BOTH, _GET_ACTIVATE = Cmd.GET_BOTH, Cmd.GET_ACTIVATE
 
 
 class SoftHand(Driver):
@@ -80,14 +82,14 @@ class SoftHand(Driver):
         self._range = USUAL
         self._told = ""  # where the range comes from
         self._serial = ""
-        self._queries = {query: protocol.frame(config.id, query) for query in (Cmd.GET_BOTH, Cmd.GET_ACTIVATE)}
+        self._queries = {query: protocol.frame(config.id, query) for query in (_GET_BOTH, _GET_ACTIVATE)}
         self._queries[Cmd.SET_WATCHDOG] = protocol.set_watchdog(config.id, round(config.watchdog * 1000))
         self._armed = False  # whether the watchdog is armed
         self._on = protocol.activate(config.id, True)
         self._off = protocol.activate(config.id, False)
         self._limp_frames = (protocol.FLUSH + self._off + self._off,)
         self._hold_frames: tuple[bytes, ...] | None = None
-        self._motor = Motor.OFF
+        self._motor = _OFF
         self._sent: int | None = None  # reference, ticks
         self._waiting: Cmd | None = None  # the query whose answer hasn't come yet
         # ns: when the newest answer came; when the motor was last commanded to switch; -1: not yet
@@ -150,24 +152,24 @@ class SoftHand(Driver):
         self._written = now
         if self.health.fault:
             return
-        if self._motor in (Motor.OFF, Motor.TURNING_OFF):
-            self._motor, self._surely_off = Motor.TURNING_ON, False
+        if self._motor in (_OFF, _TURNING_OFF):
+            self._motor, self._surely_off = _TURNING_ON, False
             self._since, self._switched = now, -1
-        frame, query = b"", Cmd.GET_BOTH
+        frame, query = b"", _GET_BOTH
         reference = self._reference()
-        if self._motor is Motor.TURNING_ON:
+        if self._motor is _TURNING_ON:
             if not self._armed:
                 query = Cmd.SET_WATCHDOG
             elif self._switched < 0 or now - self._switched >= ASK_AGAIN:
-                frame, query = self._on, Cmd.GET_ACTIVATE
+                frame, query = self._on, _GET_ACTIVATE
         else:
             if now - self._checked >= CHECK:
-                query = Cmd.GET_ACTIVATE
+                query = _GET_ACTIVATE
             if reference is not None and (reference != self._sent or now - self._sent_at >= REPEAT):
                 frame = protocol.set_inputs(self.config.id, reference)
         if not self._ask(link, now, frame, query):
             self.health.unsent = len(frame)
-        elif frame and self._motor is Motor.TURNING_ON:
+        elif frame and self._motor is _TURNING_ON:
             self._switched = now
         elif frame:
             if reference != self._sent:
@@ -183,8 +185,8 @@ class SoftHand(Driver):
         with contextlib.suppress(DeviceError):  # the next read reports a lost link
             if category is not Stop.LIMP:
                 link.write(b"")
-            elif self._motor is not Motor.TURNING_OFF and not self._surely_off:
-                self._motor = Motor.TURNING_OFF
+            elif self._motor is not _TURNING_OFF and not self._surely_off:
+                self._motor = _TURNING_OFF
                 self._switched = -1
                 self._sent = None
                 link.write(self._off)  # at once; if it collides with an answer, `read` sends it again
@@ -193,7 +195,7 @@ class SoftHand(Driver):
         """Clears the fault. The next start switches the motor on again, at the hand's position at that time."""
         self.health.fault = ""
         self.health.message = self._told
-        self._motor = Motor.OFF
+        self._motor = _OFF
         self._sent = self._hold_frames = None
 
     def close(self) -> None:
@@ -243,14 +245,14 @@ class SoftHand(Driver):
     # -- cycle
 
     def _take(self, found: Frame, now: int) -> None:
-        if found.command == Cmd.GET_BOTH and len(found.data) == 10:
+        if found.command == _GET_BOTH and len(found.data) == 10:
             milliamperes, _, ticks, *_ = protocol.int16s(found.data)
             low, high = self._range
             self.state_arrays["position"][0] = (ticks - low) / (high - low)
             self.state_arrays["current"][0] = milliamperes * 1e-3
             if self._asks:
                 self.health.stamp = self._asks.popleft()
-        elif found.command == Cmd.GET_ACTIVATE and len(found.data) == 1:
+        elif found.command == _GET_ACTIVATE and len(found.data) == 1:
             self._confirm(found.data[0] != 0)
         elif found.command == Cmd.SET_WATCHDOG and not is_echo(found, self._queries[Cmd.SET_WATCHDOG]):
             self._armed = any(found.data)
@@ -264,35 +266,35 @@ class SoftHand(Driver):
     def _confirm(self, on: bool) -> None:
         """Takes the hand's report whether its motor is on. An answer sent before a switch may show the old state."""
         motor = self._motor
-        if motor is Motor.TURNING_ON and on and self._switched >= 0:
-            self._motor = Motor.ON
+        if motor is _TURNING_ON and on and self._switched >= 0:
+            self._motor = _ON
             self._doubts = 0
             self._sent = None
-        elif motor is Motor.TURNING_OFF and not on and self._switched >= 0:
-            self._motor, self._surely_off = Motor.OFF, True
-        elif motor is Motor.ON:
+        elif motor is _TURNING_OFF and not on and self._switched >= 0:
+            self._motor, self._surely_off = _OFF, True
+        elif motor is _ON:
             self._doubts = 0 if on else self._doubts + 1
             if self._doubts == 2:
-                self._motor, self._surely_off = Motor.OFF, True
+                self._motor, self._surely_off = _OFF, True
                 self._switched_off += 1
                 self.health.fault = "the hand has switched its motor off (its watchdog, its supply, or by hand)"
 
     def _keep_asking(self, link: Transport, now: int) -> None:
-        if self._motor is Motor.TURNING_ON and now - self._since > PATIENCE:
-            self._motor = Motor.OFF
+        if self._motor is _TURNING_ON and now - self._since > PATIENCE:
+            self._motor = _OFF
             self.health.fault = "the hand doesn't switch its motor on"
         if self._waiting is not None:
             if now - self._last_query >= ASK_AGAIN and link.write(self._queries[self._waiting]):
-                if self._waiting is Cmd.GET_BOTH:
+                if self._waiting is _GET_BOTH:
                     if self._repeated != self._last_query:  # after this silence no earlier answer is on its way
                         self._asks = deque(list(self._asks)[-1:])
                     self._asks.append(now)
                 self._last_query = self._repeated = now
-        elif self._motor is Motor.TURNING_OFF and now - self._switched >= ASK_AGAIN:
-            if self._ask(link, now, self._off, Cmd.GET_ACTIVATE):
+        elif self._motor is _TURNING_OFF and now - self._switched >= ASK_AGAIN:
+            if self._ask(link, now, self._off, _GET_ACTIVATE):
                 self._switched = now
         elif now - self._written >= 10 * ASK_IDLE and now - self._last_query >= ASK_IDLE:
-            self._ask(link, now, b"", Cmd.GET_BOTH)
+            self._ask(link, now, b"", _GET_BOTH)
 
     def _ask(self, link: Transport, now: int, command: bytes, query: Cmd) -> bool:
         """Sends a query, after a command if there is one, unless an answer is due or the link is busy."""
@@ -308,9 +310,9 @@ class SoftHand(Driver):
         self._waiting = query
         if now - self._repeated > 2 * ASK_AGAIN:
             self._asks.clear()  # a query sent twice can no longer be answered twice
-        if query is Cmd.GET_BOTH:
+        if query is _GET_BOTH:
             self._asks.append(now)
-        if query is Cmd.GET_ACTIVATE:
+        if query is _GET_ACTIVATE:
             self._checked = now
         return True
 
@@ -324,7 +326,7 @@ class SoftHand(Driver):
 
     def _forget(self) -> None:
         """Resets everything known about the hand before it was opened."""
-        self._motor = Motor.OFF
+        self._motor = _OFF
         self._sent = self._waiting = self._hold_frames = None
         self._heard, self._switched, self._doubts = -1, -1, 0
         self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO

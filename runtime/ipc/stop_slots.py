@@ -46,6 +46,7 @@ class StopSlots:
         finally:
             os.close(descriptor)
         self._newest: list[tuple[bytes, ...] | None] = [None] * SLOTS
+        self._until = [0] * SLOTS  # ns, of the newest
         self._number = [0] * SLOTS  # the buffer that holds the newest; 0: they were too long
 
     @classmethod
@@ -69,12 +70,14 @@ class StopSlots:
         Returns:
             False if they are too long, once for each object: those before stay in force, for as long as they were.
         """
-        limit = until.to_bytes(8, "little")
         if frames is self._newest[slot]:
-            if number := self._number[slot]:
+            number = self._number[slot]
+            if number and until != self._until[slot]:
                 at = self._buffer(slot, number)
-                self._map[at : at + 8] = limit
+                self._map[at : at + 8] = until.to_bytes(8, "little")
+                self._until[slot] = until
             return True
+        limit = until.to_bytes(8, "little")
         self._newest[slot] = frames
         packed = b"".join(len(frame).to_bytes(_LENGTH, "little") + frame for frame in frames)
         if len(packed) > FRAMES:  # half of them would be worse than those before
@@ -84,6 +87,7 @@ class StopSlots:
         at = self._buffer(slot, other)
         self._map[at : at + _HEAD + len(packed)] = limit + len(packed).to_bytes(8, "little") + packed
         self._map[slot * _SLOT] = self._number[slot] = other
+        self._until[slot] = until
         return True
 
     def clear(self, slot: int) -> None:

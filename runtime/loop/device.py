@@ -10,6 +10,8 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable
+from math import inf, isfinite, nan
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,10 @@ RETRY = 0.5  # s between attempts to open a lost device
 SILENT = 2_000_000_000  # ns that an active device may take for its first command
 _HEALTH = DEVICE.commands  # number of words that `Health` gives
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
+_COMMANDS = DEVICE.commands
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Device:
@@ -35,6 +41,7 @@ class Device:
         actuators: its commands, as the guard bounds them; empty for a sensor.
         words: (7,) int64, its words in the row (`DEVICE`).
         lost: True while the device is lost.
+        framed: whether its driver has stop frames at all.
         on_loss, on_return: called in the loop's thread.
     """
 
@@ -47,6 +54,10 @@ class Device:
         self.on_loss: Callable[[Device], None] = lambda device: None
         self.on_return: Callable[[Device], None] = lambda device: None
         self.words[DEVICE.stamp] = -1
+        # What the arrays of `sent_arrays` hold while nothing has left.
+        self._nothing = [np.full(a.command.shape, nan).tobytes() for a in actuators]
+        self.framed = type(driver).stop_frames is not Driver.stop_frames
+        self._always_good = type(driver).frames_good_for is Driver.frames_good_for
         self._report = report
         self._failing: set[str] = set()  # which of read, write, report, stop and recover failed in their last call
         self._events: deque[str] = deque()  # from the reopening thread: only the loop writes events
@@ -74,7 +85,7 @@ class Device:
         if was_lost:
             self._await_return(now)
         else:
-            self._call("read", self.driver.read, now)
+            self._call("read", now, self.driver.read, now)
         health, words = self.driver.health, self.words
         link = words.item(DEVICE.link) & _KEPT
         # The row shows a return one cycle late, so that every loss is seen, however short.
@@ -99,24 +110,31 @@ class Device:
     def write(self, now: int) -> None:
         """Sends the commands, except while the device is lost."""
         if not self.lost:
-            self._call("write", self.driver.write, now)
+            self._call("write", now, self.driver.write, now)
 
     def publish(self, now: int) -> None:
         """Takes what has left into the row. Called once a cycle, after all writes, also while nothing is written."""
-        self._call("report", self._take_sent, now)
+        self._call("report", now, self._take_sent)
         if self._active_since is not None:
             self._await_first(now)
 
-    def _take_sent(self, now: int) -> None:
+    def _take_sent(self) -> None:
         left = False
-        for actuator in self.actuators:
+        for actuator, nothing in zip(self.actuators, self._nothing, strict=True):
             found = self.driver.sent_arrays[actuator.command.name]
-            given = np.isfinite(found)
-            if given.any():
+            if found.tobytes() == nothing:
+                continue
+            if isfinite(sum(found.ravel().tolist())):  # all elements; else each is looked at
+                actuator.sent[:] = found
+            else:
+                given = np.isfinite(found)
+                if not given.any():
+                    continue
                 np.copyto(actuator.sent, found, where=given)
-                found.fill(np.nan)
-                left = True
-        self.words[DEVICE.commands] += left
+            found.fill(nan)
+            left = True
+        if left:
+            self.words[_COMMANDS] += 1
 
     def _await_first(self, now: int) -> None:
         """Refuses a driver that is active and reports no command as sent: its limb would never move, or unseen."""
@@ -133,52 +151,35 @@ class Device:
     def stop(self, category: Stop, now: int) -> None:
         """Starts the device's own stop, except while the device is lost."""
         if not self.lost:
-            self._call("stop", lambda _: self.driver.stop(category), now)
+            self._call("stop", now, self.driver.stop, category)
 
     def stop_frames(self, category: Stop, now: int) -> tuple[bytes, ...] | None:
         """The device's stop frames; None if its driver fails to make them: those before stay in force."""
-        found: tuple[bytes, ...] | None = None
-
-        def ask(_: int) -> None:
-            nonlocal found
-            found = self.driver.stop_frames(category)
-
-        self._call("give its stop frames", ask, now)
-        return found
+        return self._call("give its stop frames", now, self.driver.stop_frames, category)
 
     def frames_good_for(self, category: Stop, now: int) -> float:
         """How long the device's stop frames may be written, s; 0 if its driver fails to say it."""
-        found = 0.0
-
-        def ask(_: int) -> None:
-            nonlocal found
-            found = self.driver.frames_good_for(category)
-
-        self._call("say how long its stop frames hold good", ask, now)
-        return found
+        if self._always_good:
+            return inf
+        return self._call("say how long its stop frames hold good", now, self.driver.frames_good_for, category) or 0.0
 
     def fileno(self, now: int) -> int | None:
         """The device's descriptor; None if it has none, or its driver fails to give it."""
-        found: int | None = None
-
-        def ask(_: int) -> None:
-            nonlocal found
-            found = self.driver.fileno()
-
-        self._call("give its descriptor", ask, now)
-        return found
+        return self._call("give its descriptor", now, self.driver.fileno)
 
     def recover(self, now: int) -> None:
         """Starts the recovery of a device with a fault, except while the device is lost."""
         if not self.lost and self.driver.health.fault:
             self._report(f"'{self.driver.name}' is told to recover from: {self.driver.health.fault}")
-            self._call("recover", self.driver.recover, now)
+            self._call("recover", now, self.driver.recover, now)
 
-    def _call(self, what: str, function: Callable[[int], None], now: int) -> None:
+    def _call(self, what: str, now: int, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | None:
+        """Returns what `function` gives; None where the driver fails, or is lost: `what` it was to do is reported."""
         try:
-            function(now)
+            found = function(*arguments, **named)
             if self._failing:
                 self._failing.discard(what)
+            return found
         except DeviceLostError as error:
             self._lose(str(error), now)
         except Exception:
@@ -186,6 +187,7 @@ class Device:
             if what not in self._failing:
                 self._report(f"driver '{self.driver.name}' failed to {what}: {traceback.format_exc(limit=-3)}")
             self._failing.add(what)
+        return None
 
     def _lose(self, reason: str, now: int) -> None:
         self.lost = True

@@ -23,6 +23,7 @@ from runtime.profile.graph import Graph
 _TICK = slice(CYCLE.cycle, CYCLE.wake + 1)  # cycle, now, dt, deadline, wake
 _READ, _CONTROL, _GUARD, _WRITE, _LOG = CYCLE.read, CYCLE.control, CYCLE.guard, CYCLE.write, CYCLE.log
 _OVERRUNS, _NOW, _REFUSED = CYCLE.overruns, CYCLE.now, CYCLE.refused
+_ENDED = State.ENDED
 _KIND, _RESULT, _ORIGIN = CYCLE.request_kind, CYCLE.request_result, CYCLE.request_origin
 
 
@@ -54,7 +55,7 @@ class Loop:
         ints, monotonic, count = self.graph.row.ints, time.monotonic_ns, 0
         world = self.graph.world
         self.clock.start()
-        while self.cycle.machine.state is not State.ENDED:
+        while self.cycle.machine.state is not _ENDED:
             tick = self.clock.wait()
             ints[_TICK] = count, tick.now, tick.dt, tick.deadline, monotonic()
             ints[_OVERRUNS] += tick.missed
@@ -72,15 +73,7 @@ class Loop:
             self.cycle.guard()
             ints[_GUARD] = monotonic()
 
-            for device in self.commanded:
-                if device.active:
-                    device.write(tick.now)
-                    if not device.lost:
-                        self.after_write(device)
-            for device in release(self.cycle, self.commanded, tick.now):
-                self.after_write(device)
-            for device in self.commanded:
-                device.publish(tick.now)
+            self.write(tick.now)
             ints[_WRITE] = written = monotonic()
 
             self.ring.append(self.graph.row.words)
@@ -94,6 +87,18 @@ class Loop:
             self.each_cycle(self.cycle.machine.state)
             ints[_LOG] = monotonic() - written
             count += 1
+
+    def write(self, now: int) -> None:
+        """Sends the commands, tells devices to stop by themselves, and takes what has left into the row."""
+        for device in self.commanded:
+            if device.active:
+                device.write(now)
+                if not device.lost:
+                    self.after_write(device)
+        for device in release(self.cycle, self.commanded, now):
+            self.after_write(device)
+        for device in self.commanded:
+            device.publish(now)
 
     def _check(self, pending: PendingRequest | None, missed: int) -> None:
         """Applies faults and the request to the state. The row says which request this cycle took."""

@@ -47,6 +47,8 @@ from runtime.profile.graph import Graph
 KEPT = 30  # s of rows that the ring holds: how long a recorder may be absent
 LEAST = 4096  # least number of rows in the ring
 READS = 16  # reads before the first cycle: more than any buffer holds
+_NOW = CYCLE.now
+_RETRACT, _HOLD = Stop.RETRACT, Stop.HOLD  # looking a member up takes longer than comparing it
 
 
 def rows_kept(rate: Fraction) -> int:
@@ -209,7 +211,7 @@ class Process:
         numbers = {d: i for i, d in enumerate(loop.commanded)}
 
         def now() -> int:
-            return int(graph.row.ints[CYCLE.now])
+            return graph.row.ints.item(_NOW)
 
         def hand_over(device: Device) -> None:
             fileno = device.fileno(now())
@@ -221,12 +223,14 @@ class Process:
             self.channel.send({"say": "lost", "slot": numbers[device]})
 
         def after_write(device: Device) -> None:
-            category = self._category(loop, device)
-            frames = device.stop_frames(category, now())
+            if not device.framed:
+                return  # its slot stays empty
+            category, moment = self._category(loop, device), now()
+            frames = device.stop_frames(category, moment)
             if frames is None:
                 return  # those before stay in force
-            good = device.frames_good_for(category, now())
-            until = 0 if math.isinf(good) else time.monotonic_ns() + round(good * 1e9)
+            good = device.frames_good_for(category, moment)
+            until = 0 if good == math.inf else time.monotonic_ns() + round(good * 1e9)
             if not slots.write(numbers[device], frames, until):
                 name, size = device.driver.name, sum(map(len, frames))
                 self.report(f"'{name}' has stop frames of {size} bytes, too long for the supervisor", Level.WARNING)
@@ -255,7 +259,7 @@ class Process:
     def _category(self, loop: Loop, device: Device) -> Stop:
         """The device's stop category without the loop. Retracting needs the loop, so the device holds instead."""
         category = loop.cycle.category(device.actuators[0])
-        return Stop.HOLD if category is Stop.RETRACT else category
+        return _HOLD if category is _RETRACT else category
 
     def _figures(self, loop: Loop) -> dict[str, Any]:
         graph = loop.graph
