@@ -29,6 +29,7 @@ BENCHES: Final[dict[str, Bench]] = {
     "compiled": Bench("bench.compiled:run", quick=True),
     "drivers": Bench("bench.drivers:run"),
     "dynamixel": Bench("bench.dynamixel:run", quick=True),
+    "growth": Bench("bench.growth:run"),
     "ikns-cycle": Bench("bench.ikns:run"),
     "noitom-text": Bench("bench.noitom:run"),
     "object-mapping": Bench("bench.object_mapping:run"),

@@ -128,12 +128,12 @@ class Pairs:
             id=id, what=what, ours=round(statistics.median(ours), 3), other=round(statistics.median(theirs), 3),
             other_name=other,
             ratio=round(ratio, 3), control=control, unit=unit, aim=aim, holds=holds(ratio) if holds else None,
-            interval=_interval(ratios), control_interval=_interval(controls) if controls else None, pairs=len(ours),
+            interval=interval(ratios), control_interval=interval(controls) if controls else None, pairs=len(ours),
         )  # fmt: skip
 
 
-def _interval(ratios: list[float]) -> tuple[float, float]:
-    """95 % of the medians of samples drawn anew from these."""
+def interval(ratios: list[float]) -> tuple[float, float]:
+    """Returns between what the median of these lies, at 95 %: of medians of samples drawn anew from them."""
     drawn = np.random.default_rng(1).choice(ratios, (2000, len(ratios)))
     low, high = np.percentile(np.median(drawn, axis=1), (2.5, 97.5))
     return round(float(low), 3), round(float(high), 3)
