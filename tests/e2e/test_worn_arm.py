@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers.worn_arm import RATE, TrueWeight, bench, worn
 
+from runtime.contracts.rotation import exp
 from runtime.contracts.signals import Array
 from runtime.ipc.words import State
 from srl.testing import Lab, Simulated, simulate
@@ -137,6 +138,56 @@ def test_a_stopped_arm_stays_where_it_is_while_its_wearer_leans(lean: float) -> 
         moved = np.abs(np.array(lab["world.arm_position"]) - before)
         print(f"\nstopped, the base tilts by {lean}: joints moved by {moved.round(2)} rad")
         assert moved.max() < 0.2
+
+
+def leaning(tilt: float) -> Lab:
+    """The bench, whose base leans forward by so many rad from 0.3 s on."""
+    plain = bench()
+    plain["sim"]["parts"]["plate"]["slip"] = {"at": 0.3, "tilt": [0.0, tilt, 0.0]}
+    del plain["sim"]["parts"]["knock"]
+    return Lab(plain)
+
+
+@pytest.mark.parametrize(("turned", "axis"), [(np.pi, 0), (np.pi / 2, 1)], ids=["upside down", "on its side"])
+def test_a_sensor_that_is_mounted_wrong_is_refused_before_anything_moves(turned: float, axis: int) -> None:
+    plain = bench()
+    plain["sim"]["parts"]["base_case"]["off_by"] = {"quaternion": list(exp(*turned * np.eye(3)[axis]))}
+    with Lab(plain) as lab:
+        lab.until("stopped")
+        before = np.array(lab["world.arm_position"])
+        (said,) = (text for text in lab.events if text.startswith("controller 'body'"))
+        assert "in the arm's base, and a worn base leans by 60 at most ('tilt_limit')" in said
+        lab.reset()
+        lab.run(2.0)
+        moved = np.abs(np.array(lab["world.arm_position"]) - before)
+        print(f"\nmounted wrong by {np.rad2deg(turned):.0f} degrees: joints moved by {moved.round(3)} rad")
+        assert (lab.state, lab.cause, lab.culprit) == ("stopped", "intent_loss", "base")
+        assert moved.max() < 0.05
+
+
+@pytest.mark.parametrize("lean", [1.4, -1.4], ids=["bends by 80 degrees", "back by 80 degrees"])
+def test_a_base_that_leans_too_far_stops_the_limb_and_does_not_drop_it(lean: float) -> None:
+    with leaning(lean) as lab:
+        lab.until("stopped", most=2.0)
+        assert (lab.cause, lab.culprit) == ("intent_loss", "base")
+        assert any("a worn base leans by 60 at most ('tilt_limit')" in text for text in lab.events)
+        lab.run(0.2)
+        before = np.array(lab["world.arm_position"])
+        lab.run(1.5)
+        moved = np.abs(np.array(lab["world.arm_position"]) - before)
+        print(f"\nthe base leans by {np.rad2deg(lean):.0f} degrees, stopped: joints moved by {moved.round(3)} rad")
+        assert moved.max() < 0.05
+
+
+def test_who_leans_by_45_degrees_may_go_on_and_reset() -> None:
+    with leaning(np.pi / 4) as lab:
+        lab.run(2.0)
+        assert lab.state == "active"
+        lab.stop()
+        lab.until("stopped")
+        lab.reset()
+        lab.run(0.5)
+        assert lab.state == "active"
 
 
 WALLS = {"stiff wall": {"stiffness": 4e4, "damping": 0.0}, "soft person": {"stiffness": 400.0, "damping": 5.0}}

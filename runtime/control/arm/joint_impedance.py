@@ -8,12 +8,13 @@ from typing import Any, Final, Literal, Self
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field, model_validator
+from pydantic import Field, FiniteFloat, field_validator, model_validator
 
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.errors import OptionError
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.per_element import NotNegative, Positive
+from runtime.contracts.rotation import Vector
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import QUATERNION
 from runtime.contracts.transforms import Transform, device, frame, measured
@@ -30,6 +31,7 @@ _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SOFT: Final = 0.25  # of K, below which D goes to zero with K itself, not with its root
 _LEAD: Final = 0.03  # s, low-pass on the desired joints' speed: it may jump, the torque not
 _SHORTEST: Final = 1e-4  # s: no loop is quicker
+_SOURCES: Final = {"imu": "the sensor of 'orientation'", "frames": "the tree of frames", "base": "'up'"}
 _HELD_BACK: Final = 0.1  # N m: a larger difference of asked and applied torque counts as held back
 
 _PerJoint = dict[str, NotNegative] | NotNegative
@@ -59,11 +61,22 @@ class JointImpedanceConfig(ControllerConfig):
     gravity: Literal["here", "robot"] = Field("here", description="who holds the arm's weight; `robot`: its controller")
     upright: Literal["imu", "frames", "base"] = Field(
         "base",
-        description="what says where up is: the input `orientation`, the frame `world`, or the base stands upright",
+        description="what says where up is: the input `orientation`, the frame `world`, or it is always `up`",
     )
     world: str = Field("world", description="with `upright: frames`: a frame with z up, in which the base is known")
+    up: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
+        (0.0, 0.0, 1.0), description="up in the base's axes where the wearer stands; its length doesn't matter"
+    )
+    tilt_limit: float = Field(
+        1.05,
+        gt=0,
+        le=3.15,
+        description="rad, by which a worn base leans from there at most: farther, up is measured wrong",
+    )
     smooth: float = Field(0.02, ge=0, le=1, description="s, time constant of the low-pass on where up is")
-    patience: float = Field(0.5, gt=0, le=10, description="s without it, or without `q`, after which the limb stops")
+    patience: float = Field(
+        0.5, gt=0, le=10, description="s without it, beyond `tilt_limit`, or without `q`, after which the limb stops"
+    )
     payload: LoadConfig | None = Field(None, description="what the flange always carries, beside the URDF's links")
 
     @model_validator(mode="after")
@@ -74,6 +87,15 @@ class JointImpedanceConfig(ControllerConfig):
             problem = f"most: {self.robot.name} has no effort limit of each joint, so nothing bounds the spring"
             raise OptionError(problem, "Give `most`, N m, or the limits in `models:`")
         return self
+
+    @field_validator("up")
+    @classmethod
+    def _unit(cls, up: Vector) -> Vector:
+        x, y, z = up
+        length = (x * x + y * y + z * z) ** 0.5
+        if length < 1e-6:
+            raise OptionError("it has no direction", "Give the axis that points up where the wearer stands")
+        return (x / length, y / length, z / length)
 
 
 class JointImpedance(Controller):
@@ -93,9 +115,10 @@ class JointImpedance(Controller):
     K grows, q_d comes nearer, so that the torque stays: stiffening gives the limb no energy either.
 
     At a reset q_d is where the limb is. While `wanted` isn't a number, q_d stays. While nothing says where up is, it
-    stays as it was, and after `patience` the limb stops. A sample of `q` that no motion explains moves nothing: the
-    torque is that of the one before. If it lasts, and while `q` isn't a number, there is no torque (NaN: the guard
-    damps), after `patience` the limb stops, and when `q` is back, q_d begins where the limb is then.
+    stays as it was, and after `patience` the limb stops. Where up is farther from `up` than `tilt_limit`, the limb
+    stops too, at a reset at once; `Uprightness` says what up is then. A sample of `q` that no motion explains moves
+    nothing: the torque is that of the one before. If it lasts, and while `q` isn't a number, there is no torque (NaN:
+    the guard damps), after `patience` the limb stops, and when `q` is back, q_d begins where the limb is then.
     """
 
     Config = JointImpedanceConfig
@@ -133,7 +156,7 @@ class JointImpedance(Controller):
         payload = config.payload.payload() if config.payload is not None else None
         self._model: Any = pinocchio_model(robot, payload=payload)
         self._data: Any = self._model.createData()
-        self._up = Uprightness(config.smooth)
+        self._up = Uprightness(config.smooth, config.up, config.tilt_limit)
         self._joints = Believed(robot.dq_max)
         self._q_d, self._v_d = np.zeros(robot.n), np.zeros(robot.n)
         self._D = np.zeros(robot.n)
@@ -192,8 +215,11 @@ class JointImpedance(Controller):
     # -- parts of a cycle
 
     def _judge(self) -> None:
-        """Whether what the law needs has been missing for too long."""
-        self.lost = max(self._up.missing, self._joints.missing) > self._config.patience
+        """Whether what the law needs has been missing, or beyond belief, for too long."""
+        up, patience = self._up, self._config.patience
+        leans = up.beyond > patience
+        self.lost = leans or max(up.missing, self._joints.missing) > patience
+        self.why = up.why(_SOURCES[self._config.upright]) if leans else ""
 
     def _found(self) -> tuple[float, float, float] | None:
         """Where up is now in the base."""
@@ -201,7 +227,7 @@ class JointImpedance(Controller):
             return by_sensor(self.input["orientation"], self.transform["mount"])
         if self._config.upright == "frames":
             return by_frames(self.transform["base"])
-        return (0.0, 0.0, 1.0)
+        return self._config.up
 
     def _desire(self, before: float, dt: float) -> None:
         """Moves q_d for dt seconds. `before`: the factor of K in the last cycle."""

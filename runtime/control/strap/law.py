@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, isinf
+from math import degrees, inf, isfinite, isinf
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -155,7 +155,7 @@ class StrapBase(Controller):
         self._correction.reset()
         # Until the tilt has been within `most` once, there is no reason to believe the mounts.
         self._share, self._seen, self._beyond, self._lying = 0.0, False, inf, 0.0
-        self.lost = False
+        self.lost, self.why = False, ""
         self._wanted[:] = wanted if np.isfinite(wanted).all() else start
         self._rest[:] = start - self._wanted
         self._left = self._config.fade
@@ -197,6 +197,7 @@ class StrapBase(Controller):
             self._bounded += size > self._config.most
             self._lying = self._lying + dt if isinf(self._beyond) else 0.0
             self.lost = self._lying > self._config.fade
+            self.why = self._told(size) if self.lost else ""
         if self._beyond > self._config.fade:
             new = None  # no strap gives way so far for so long: a sensor has come off, or its mount is wrong
         self._losses += self._seen and new is None
@@ -228,6 +229,15 @@ class StrapBase(Controller):
         if base is None or body is None:
             return None
         return tilt(up_in(self._mount, base, UP_Z), up_in(self._worn, body, self._up))
+
+    def _told(self, size: float) -> str:
+        """Why the limb stops. `size`: rad, of the tilt."""
+        body = "'body'" if self._config.reference == "imu" else "the suit"
+        return (
+            f"'orientation' says since the reset that the base is tilted by {degrees(size):.0f} degrees against "
+            f"{body}, and straps give way by {degrees(self._config.most):.0f} at most ('most'). Mount both as "
+            "`frames:` says, or correct them there"
+        )
 
     def _tell(self) -> None:
         s = self._share

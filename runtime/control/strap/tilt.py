@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, sqrt
+from math import atan2, pi, sqrt
 
 from runtime.contracts.rotation import Quaternion, Vector, conjugate, product, turned
 
@@ -32,7 +32,8 @@ def tilt(base: Vector, rigid: Vector) -> Vector:
     (ax, ay, az), (bx, by, bz) = base, rigid
     cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     size = sqrt(cx * cx + cy * cy + cz * cz)
+    along = ax * bx + ay * by + az * bz
     if size < 1e-12:
-        return (0.0, 0.0, 0.0)  # upside down has no smallest rotation; the law bounds the tilt long before
-    angle = atan2(size, ax * bx + ay * by + az * bz) / size
+        return (0.0, 0.0, 0.0) if along > 0.0 else (pi, 0.0, 0.0)  # upside down has no smallest: one as far
+    angle = atan2(size, along) / size
     return (angle * cx, angle * cy, angle * cz)
