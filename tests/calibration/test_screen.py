@@ -112,6 +112,7 @@ def ordered(out: str) -> Order:
     return Order("worn.yaml", person="P07", out=Path(out), sim=True, option=QUICK)
 
 
+@pytest.mark.slow
 def test_a_sense_turned_round_stays_so_when_a_point_is_done_again(actor: Actor) -> None:
     screen = Answers("f swivel", "f twist", "r 2", "")
     assert session.run(ordered("a.json"), screen) == 0

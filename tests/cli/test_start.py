@@ -60,6 +60,7 @@ def test_the_laws_that_can_be_calibrated_are_named() -> None:
     assert tuple(method_of(law).name for law in LAWS) == LAWS
 
 
+@pytest.mark.slow
 def test_a_calibration_loads_no_other_one() -> None:
     code = (
         "import sys; from runtime.calibration.session import method_of; method_of('glove'); "

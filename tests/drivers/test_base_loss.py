@@ -42,6 +42,7 @@ def test_a_bridge_that_hangs_is_lost_and_comes_back() -> None:
         r.drive()
 
 
+@pytest.mark.slow
 def test_a_killed_zenoh_process_is_lost_and_comes_back() -> None:
     with robot() as r:
         r.base.open()

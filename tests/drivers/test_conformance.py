@@ -22,10 +22,12 @@ from runtime.contracts.signals import Kind
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import State
 
-ARMS = tuple(name for name in WIRES if name.startswith(("panda", "ur")))  # 500 and 1000 cycles a second
 # Their motors know where they stand only within a part of a turn, so after a loss of power they must be parked.
 FORGETFUL = ("cubemars-servo", "mit-can-v2", "mit-can-v3", "odrive")
 DATAGRAMS = tuple(name for name in WIRES if name.startswith(("base", "panda")))
+# What the fast tests look at: a kind of bus each. The rest of the family is slow.
+FEW = ("dynamixel-position-2", "feetech", "firmata", "mit-can-damiao", "softhand")
+MANY = tuple(name for name in WIRES if name not in FEW)
 
 
 def wires(names=tuple(WIRES), slow=()):
@@ -55,7 +57,7 @@ def moves_on(u, first):
     assert not u.reseated(met), "once the wave was met again"
 
 
-@wires(slow=(*ARMS, "base"))
+@wires(slow=MANY)
 def test_in_normal_operation_the_guard_is_left_alone(under):
     """The declared period and resolution, with an adapter that holds back for 16 ms what comes."""
     u = under
@@ -73,7 +75,7 @@ def test_in_normal_operation_the_guard_is_left_alone(under):
     u.judge()
 
 
-@wires(slow=DATAGRAMS)
+@wires(slow=MANY)
 @pytest.mark.parametrize(
     "seconds", [pytest.param(0.1, marks=pytest.mark.slow), 0.5, pytest.param(2.0, marks=pytest.mark.slow)]
 )
@@ -93,7 +95,7 @@ def test_a_link_that_takes_nothing(under, seconds):
     moves_on(u, first)
 
 
-@wires([name for name in WIRES if name not in DATAGRAMS])
+@wires([name for name in WIRES if name not in DATAGRAMS], slow=MANY)
 def test_a_link_that_takes_half_a_frame(under):
     u, valve = under, under.wire.valve
     u.until(u.follows)
@@ -107,7 +109,7 @@ def test_a_link_that_takes_half_a_frame(under):
     moves_on(u, first)
 
 
-@wires(slow=(*ARMS, "base"))
+@wires(slow=MANY)
 def test_a_link_that_takes_every_second_command(under):
     u, valve = under, under.wire.valve
     u.until(u.follows)
@@ -120,7 +122,7 @@ def test_a_link_that_takes_every_second_command(under):
     moves_on(u, first)
 
 
-@wires([name for name in WIRES if name not in FORGETFUL], slow=("base",))
+@wires([name for name in WIRES if name not in FORGETFUL], slow=MANY)
 def test_a_device_that_comes_back_as_another(under):
     u, wire = under, under.wire
     u.until(u.follows)
@@ -179,7 +181,7 @@ OWN = {
 }
 
 
-@wires(OWN)
+@wires(OWN, slow=MANY)
 def test_what_a_device_does_by_itself_is_known(name, monkeypatch, tmp_path):
     options = {"watchdog": 0.2} if name.startswith(("dynamixel", "mit-can")) else {}
     seconds, fault = OWN[name]

@@ -55,6 +55,7 @@ def test_a_power_dip_of_one_motor_is_noticed():
         assert torque(rig) == [True] * 3
 
 
+@pytest.mark.slow
 def test_turns_are_taken_up_after_a_reboot():
     motors = {"screw": {"model": "MX-28", "m_per_rad": 0.001}}
     with Rig(make_twin(motors, mode="extended")) as rig:

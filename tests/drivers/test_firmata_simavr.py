@@ -201,6 +201,7 @@ def test_every_edge_of_every_button_is_seen_while_the_servos_move(board, driver)
     assert edges == dict.fromkeys(BUTTONS, 2 * rounds)
 
 
+@pytest.mark.slow
 def test_a_bounce_shorter_than_the_debounce_time_is_no_press(board, driver):
     cycles(driver, board, 0.05)
     board.press(2)

@@ -46,6 +46,7 @@ class Robot:
         self.q = self.q + self.dq * DT
 
 
+@pytest.mark.slow
 @ROBOTS
 @pytest.mark.parametrize("real", [np.float64, np.float32])
 @settings(max_examples=10, deadline=None)

@@ -48,6 +48,7 @@ def test_a_program_obeys_only_the_driver_that_sent_it(rig):
     rig.until(lambda: rig.driver.health.fault == "the control program has ended", cycles=5)
 
 
+@pytest.mark.slow
 def test_a_protective_stop_is_a_fault_and_recovery_waits_its_5_s(rig):
     driver = rig.open()
     rig.follow(V, 200)

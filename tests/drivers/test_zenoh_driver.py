@@ -52,6 +52,7 @@ def test_signals_of_a_runtime_and_of_a_bridge() -> None:
         remote.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wanted", "said"),
     [
@@ -102,6 +103,7 @@ def test_a_runtime_that_ends_is_lost_at_once() -> None:
         assert remote.health.reconnects == 1
 
 
+@pytest.mark.slow
 def test_a_runtime_that_hangs_is_lost_and_comes_back() -> None:
     signals = {"position": GLOVE}
     twin = twin_of(signals)

@@ -174,6 +174,7 @@ def test_replay_of_a_layout_with_other_types(
     assert f"the layout is damaged: {key}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", ["rows", "layout", "events"])
 @pytest.mark.parametrize("module", ["runtime.bus", "runtime.recorder"])
 def test_bus_and_recorder_refuse_damaged_files(run: RunFolder, module: str, file: str, tmp_path: Path) -> None:

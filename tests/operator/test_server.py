@@ -334,6 +334,7 @@ def test_a_run_without_a_bus_says_so(loop: OperatedLoop, page: OperatorPage) -> 
 # The end
 
 
+@pytest.mark.slow
 def test_the_loop_goes_on_when_the_panel_is_killed(loop: OperatedLoop) -> None:
     with OperatorPage(loop.folder) as page:
         os.kill(page.pid, 9)

@@ -67,6 +67,7 @@ def test_a_turn_both_ways_is_a_joints_range() -> None:
     assert wiring.build(*profile.load("ur-jog", [limits])).doubts == []
 
 
+@pytest.mark.slow
 def test_srl_check_says_so_and_a_run_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     change = "frames.arm.rpy=[0,0,90]"
     assert main(["check", "moca-man", "--sim", "--set", change]) == 0

@@ -168,6 +168,7 @@ def test_a_slow_disk_holds_up_nobody_and_the_newest_state_is_written_last(
 # The whole runtime
 
 
+@pytest.mark.slow
 def test_a_simulated_run_neither_obeys_nor_touches_what_stands(tmp_path: Path) -> None:
     """It deleted the mark of a bad run on real actuators when it ended well."""
     path = tmp_path / "state" / "sixth-finger" / "latches.json"

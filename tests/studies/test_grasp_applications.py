@@ -105,6 +105,7 @@ def test_every_scene_has_starts_within_the_fingers_range(scene: str) -> None:
         assert (home <= np.array(model.upper)).all()
 
 
+@pytest.mark.slow
 def test_candidates_are_clear_of_the_object() -> None:
     from studies.grasp.things import Thing
 

@@ -151,6 +151,7 @@ def row_of(shape: str, size: float, seed: int) -> dict[str, Any]:
     return dict(trial(profile.find(PROFILE)[1], given(shape, size), seed))
 
 
+@pytest.mark.slow
 def test_a_trial_depends_on_its_seed_alone() -> None:
     once, again = row_of("sphere", 0.08, 3), trial(profile.find(PROFILE)[1], given(), 3)
     assert again == once

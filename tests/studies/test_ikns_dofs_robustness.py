@@ -43,6 +43,7 @@ def test_every_trial_of_a_condition_is_a_task_of_its_own() -> None:
     assert {task.trial for task in made} == {"ikns-robustness"}
 
 
+@pytest.mark.slow
 def test_labels_are_exchanged_while_it_is_due_and_not_before() -> None:
     rig = Rig(profile.find("ikns-finger")[1], {"sim.devices.mocap": {"noise": 0.0}}, 1, finger_calibration())
     rig.disturb = robustness_trial._swapped(rig, ["rwra", "rwrb"], True)

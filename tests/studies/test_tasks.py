@@ -50,6 +50,7 @@ def same(one: Any, other: Any) -> bool:
     return repr(one) == repr(other)
 
 
+@pytest.mark.slow
 @given(columns())
 def test_a_row_comes_back_from_the_journal_as_it_was(rows: list[dict[str, Value]]) -> None:
     for values in rows:

@@ -97,6 +97,7 @@ def test_a_handle_laid_down_drifts_nowhere_and_the_dead_band_is_continuous() -> 
     assert seen[-1] == pytest.approx(2.0)
 
 
+@pytest.mark.slow
 def test_orientation_turns_about_the_pushed_axis_without_bounds() -> None:
     controller = admittance(**BARE)
     controller.input["wrench"][3:] = [0.3, 0.6, 0.6]

@@ -47,6 +47,7 @@ def press(force_feedback: dict[str, Any] | None, stiffness: float, push: float) 
 WORLD_AXES: dict[str, Any] = {"axes": "world"}
 
 
+@pytest.mark.slow
 def test_contact_forces_stay_bounded_with_the_flanges_sensor() -> None:
     rigid = press(None, 20_000, 15.0)
     soft = press(WORLD_AXES, 20_000, 15.0)

@@ -96,6 +96,7 @@ def test_it_begins_at_rest() -> None:
         np.testing.assert_allclose(world(controller), 0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_it_converges_within_the_horizon_of_its_gains() -> None:
     """exp(-K t), but for the percent that W_2 takes: 0.5 rad at K = 0.01 needs 625 s to come below 0.001."""
     rig = KairosRig(rate=20)
@@ -232,6 +233,7 @@ def test_manipulation_spares_the_base_and_locomotion_the_arm() -> None:
     assert moved[1][1] < 0.7 * moved[0][1]
 
 
+@pytest.mark.slow
 def test_buttons_at_any_instant_make_no_step() -> None:
     rng = np.random.default_rng(12)
     rig = KairosRig()

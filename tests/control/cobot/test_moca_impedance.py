@@ -246,6 +246,7 @@ def test_a_blocked_tip_is_pushed_with_a_bounded_force() -> None:
 # -- in MuJoCo
 
 
+@pytest.mark.slow
 def test_a_steady_force_gives_the_displacement_of_the_papers_statics() -> None:
     """K^-1 Lambda Lambda_a^-1 f: external torque acts on the arm alone (eq. 3)."""
     rig = MocaRig(admittance={"leash": None})  # a force beyond the leash's reach would pull the reference along
@@ -262,6 +263,7 @@ def test_a_steady_force_gives_the_displacement_of_the_papers_statics() -> None:
     assert np.linalg.norm(want) < np.linalg.norm(f[:3]) / 500
 
 
+@pytest.mark.slow
 def test_manipulation_spares_the_base_and_locomotion_the_arm() -> None:
     moved = []
     for mode in ("", "P"):
@@ -282,6 +284,7 @@ def test_manipulation_spares_the_base_and_locomotion_the_arm() -> None:
     assert moved[1][1] < 0.5 * moved[0][1]
 
 
+@pytest.mark.slow
 def test_buttons_at_any_instant_make_no_step() -> None:
     rng = np.random.default_rng(11)
     rig = MocaRig(payload={"mass": 1.0})

@@ -169,6 +169,7 @@ def test_the_ground_and_the_robot_itself_are_not_run_into(aim: tuple[float, floa
     assert found["solver_failures"] == 0
 
 
+@pytest.mark.slow
 def test_an_obstacle_is_approached_and_not_touched() -> None:
     """A wall 0.15 m before the hand, and a wish that lies behind it."""
     x, y, z = START

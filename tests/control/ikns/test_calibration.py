@@ -60,6 +60,7 @@ def read(c: Calibration, sibson: Sibson, q: Array, hand: Array) -> Array:
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("half", "degrees"), [(0.1, 0.05), (0.25, 0.3), (0.5, 1.0), (0.8, 2.5)])
 def test_the_direction_lies_in_the_null_space(half: float, degrees: float) -> None:
     """At each point's mean posture. Beyond 0.25 rad of swivel the null space itself is curved."""
@@ -146,6 +147,7 @@ def test_a_hand_turned_by_20_degrees_or_moved_by_10_mm_changes_c_a_little() -> N
     assert max(moved) < 0.025
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [2, 3])
 def test_several_dofs_hardly_disturb_each_other(k: int) -> None:
     """Swivel, shrug and protraction, each in its own trials."""

@@ -33,6 +33,7 @@ def test_markers_swapped_from_the_first_frame_on_are_rejected() -> None:
     assert off(fit.q[None], q[None]).max() < 6.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stature", [1.5, pytest.param(1.95, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "names",

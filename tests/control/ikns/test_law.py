@@ -17,6 +17,7 @@ from runtime.control.ikns.record import Record, RecordError
 from runtime.profile import profile, wiring
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("inset", "close"), [(0.0, 0.02), (0.05, 0.025)])
 def test_c_goes_from_0_to_1_with_the_swivel_at_every_point_and_between(file: Path, inset: float, close: float) -> None:
     arm = Arm()
@@ -118,6 +119,7 @@ def test_the_share_of_cycles_outside_counts_no_reset(file: Path) -> None:
     assert made.figures()["outside"] == 1.0
 
 
+@pytest.mark.slow
 def test_across_the_hull_c_is_continuous(file: Path) -> None:
     """The hand moves out of the points' hull and back in elsewhere; the arm's angles stay."""
     arm, made = Arm(), law(file, clamp=False)

@@ -82,6 +82,7 @@ def hold(law: Ikns, arm: Arm, *joints: str) -> None:
 WRIST = ("wrist_y", "wrist_x")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joints", [WRIST, ("shoulder_x",), ("elbow",), ("pronation",), ("shoulder_y", "pronation")])
 def test_the_bound_by_which_it_decides(file: Path, joints: tuple[str, ...]) -> None:
     """Angles stay as they were while the person goes through the range; the hand is told as it is."""

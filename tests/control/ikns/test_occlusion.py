@@ -113,6 +113,7 @@ def test_after_a_circle_about_straight_forward_c_is_what_it_was(cone: float, sen
     assert np.abs(np.diff(found)).max() < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 @pytest.mark.parametrize("cone", [5.0, 10.0, 15.0])
 @pytest.mark.parametrize(

@@ -62,6 +62,7 @@ def test_outputs_go_together() -> None:
     assert sum(figures["actions"].values()) == len(begun(out["action"]))  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["still", "walk"])
 def test_unrelated_motion_of_people_it_never_saw_sets_nothing_off(kind: Script) -> None:
     """The scripts know nothing of the actions. Reaches and a T-pose are related: docs/intention.md."""

@@ -15,6 +15,7 @@ def test_path_is_followed_within_a_millimetre_where_nothing_is_near() -> None:
     assert max(bench.errors) < 1e-3
 
 
+@pytest.mark.slow
 @given(st.integers(0, 200))
 @settings(max_examples=8)
 def test_limits_hold_on_the_way_to_any_path(seed: int) -> None:
@@ -68,6 +69,7 @@ def crossing(bench: Bench) -> None:
     bench.person.go((1.0 - share) * np.array([-0.5, 0.3, 0.2]) + share * middle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("around", ["bend", "wait"])
 def test_body_that_crosses_the_path_is_waited_for(around: str) -> None:
     bench, plain = Bench(around=around), Bench(around="ignore")

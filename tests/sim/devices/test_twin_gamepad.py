@@ -105,6 +105,7 @@ def test_unplugged_while_deflected_everything_is_neutral(pair: Pair) -> None:
     assert pair.driver.state_arrays["axes"][5] == 1
 
 
+@pytest.mark.slow
 def test_an_overflow_of_the_kernels_buffer_is_made_good_by_the_whole_state(pair: Pair) -> None:
     pair.at(0)
     for k in range(20_000):

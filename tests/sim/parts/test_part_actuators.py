@@ -74,6 +74,7 @@ def test_silence_ends_as_the_firmware_has_it(expiry: int, on: int, errors: int) 
     assert m.step()[0] == (2.0 if expiry == NOTHING else 0.0)
 
 
+@pytest.mark.slow
 def test_the_stall_torque_ends_in_heat_and_latches() -> None:
     m = motor()
     m.feedforward[0] = m.peak_torque[0]

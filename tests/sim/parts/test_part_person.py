@@ -160,6 +160,7 @@ def test_a_robot_unlike_the_known_one_is_guided_by_sight():
     assert np.abs(seen["person_tool"][-100:] - [0.3, 0, 0]).max() < 0.012
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stiffness", "damping"),
     [(50.0, 20.0), pytest.param(200.0, 5.0, marks=pytest.mark.slow), pytest.param(400.0, 40.0, marks=pytest.mark.slow)],

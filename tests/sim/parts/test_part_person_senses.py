@@ -38,6 +38,7 @@ def lag(sight: float) -> float:
     return int(np.argmax(score)) * 0.002
 
 
+@pytest.mark.slow
 def test_sight_is_late_by_its_delay():
     short, usual, long = lag(0.0), lag(0.12), lag(0.3)
     assert short == pytest.approx(1 / (2 * np.pi * 10), abs=0.03)  # what the bandwidth of 10 Hz costs
