@@ -145,11 +145,8 @@ class Opening:
         def fits(message: can.Message) -> bool:
             return message.arbitration_id == reply and len(message.data) == 8 and message.data[0] & 0xF == motor.id
 
-        for _ in range(TRIES):
-            self._send(protocol.REGISTERS, protocol.ask_state(motor.id))
-            if found := self._gather(fits, ANSWER, TWINS if strict else 0.0):
-                return [bytes(message.data) for message in found]
-        return []
+        ask = (protocol.REGISTERS, protocol.ask_state(motor.id))
+        return [bytes(message.data) for message in self._answers([ask], fits, TWINS if strict else 0.0)]
 
     def _read(self, who: str, motor: MotorConfig, register: Register) -> float:
         values = self._ask(motor, protocol.read_register(motor.id, register), register)
@@ -170,12 +167,10 @@ class Opening:
             found = protocol.parse_register(bytes(message.data), motor.id)
             return message.arbitration_id == reply and found is not None and found[0] == register
 
-        for _ in range(TRIES):
-            self._send(protocol.REGISTERS, data)
-            if found := self._gather(fits, ANSWER, TWINS if register is Register.ESC_ID else 0.0):
-                answers = [protocol.parse_register(bytes(message.data), motor.id) for message in found]
-                return [answer[1] for answer in answers if answer is not None]
-        return []
+        more = TWINS if register is Register.ESC_ID else 0.0
+        found = self._answers([(protocol.REGISTERS, data)], fits, more)
+        answers = [protocol.parse_register(bytes(message.data), motor.id) for message in found]
+        return [answer[1] for answer in answers if answer is not None]
 
     def _set(self, who: str, motor: MotorConfig, register: Register, value: int, what: str) -> None:
         """Sets a register in the drive's memory and reads it back; an acknowledgement alone isn't trusted."""
@@ -208,14 +203,10 @@ class Opening:
                 strangers.add(int(message.data[0]))
             return alike and bool(message.data[0] == motor.id) and not message.is_extended_id
 
-        for _ in range(TRIES):
-            self._link.read()
-            self._send(motor.id, protocol.ENABLE)
-            self._send(motor.id, damp)
-            if found := self._gather(fits, ANSWER, TWINS):
-                if len(found) > 2:
-                    raise self._doubled(who)
-                return protocol.ak_reply(bytes(found[-1].data), span)
+        if found := self._answers([(motor.id, protocol.ENABLE), (motor.id, damp)], fits, TWINS):
+            if len(found) > 2:
+                raise self._doubled(who)
+            return protocol.ak_reply(bytes(found[-1].data), span)
         heard = f"; {', '.join(map(str, sorted(strangers)))} answer" if strangers else ""
         raise DeviceError(
             self._place,
@@ -309,6 +300,29 @@ class Opening:
         return DeviceError(
             self._place, f"two motors answer as {who}", "Connect them one by one and give each an id of its own"
         )
+
+    def _answers(
+        self, question: list[tuple[int, bytes]], fits: Callable[[can.Message], bool], more: float
+    ) -> list[can.Message]:
+        """The answers to these frames, which are sent again while none comes: more than they are tell of two motors.
+
+        On a busy host an answer may be late, and then come with the one to the repetition: such a crowd is of one
+        motor as well as of two, so it is asked again after a pause in which what is late comes in.
+        """
+        found = list[can.Message]()
+        for k in range(2 * TRIES):
+            if found:
+                self._gather(lambda _: False, ANSWER)
+            elif k == TRIES:
+                break
+            self._link.read()
+            for id, data in question:
+                self._send(id, data)
+            if now := self._gather(fits, ANSWER, more):
+                if k == 0 or found or len(now) <= len(question):
+                    return now
+                found = now
+        return found
 
     def _gather(self, fits: Callable[[can.Message], bool], patience: float, more: float = 0.0) -> list[can.Message]:
         """The frames that fit: the first within `patience`, further ones within `more` after it."""

@@ -9,6 +9,7 @@ import select
 import shlex
 import signal
 import sys
+import time
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from runtime.profile.graph import Graph
 
 RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins check their links
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
+LATE = 50_000_000  # ns behind its time, from which a client may take a device for silent
 LAST_WORDS = 50_000_000  # ns, how long the twins still hear what was sent before the end
 
 
@@ -66,9 +68,12 @@ def run(args: argparse.Namespace) -> int:
         for twin in twins.values():
             twin.open()
         _announce(args, twins)
-        _serve(graph.world, twins, args, ended, log)
+        late = _Late()
+        _serve(graph.world, twins, args, ended, log, late)
+        late.sum_up()
         if args.json:
-            print(json.dumps({"figures": {name: twin.figures() for name, twin in twins.items()}}), flush=True)
+            figures = {name: twin.figures() for name, twin in twins.items()}
+            print(json.dumps({"figures": figures, "late": late.figures()}), flush=True)
         else:
             _tell_refused(twins)
     finally:
@@ -107,7 +112,9 @@ def make_twins(graph: Graph, names: list[str]) -> dict[str, Twin]:
     }
 
 
-def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None) -> None:
+def _serve(
+    world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None, late: _Late
+) -> None:
     clock = MonotonicClock(RATE)
     control = _Control(twins, args.json) if args.control else None
     clock.start()
@@ -126,6 +133,8 @@ def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended
             world.advance(round((due - start) * args.speed))
             for twin in twins.values():
                 twin.service(due)
+            late.served(due)
+            clock.breathe()
         if log is not None:
             log.take(tick.now)
         if control is not None:
@@ -223,6 +232,38 @@ _VERBS: dict[str, tuple[str, bool | None]] = {  # a method to call, or an attrib
     "plug": ("unplugged", False),
     "restart": ("restart", None),
 }
+
+
+class _Late:
+    """How far the twins are behind their time, which is what a busy machine does to them."""
+
+    def __init__(self) -> None:
+        self._times = self._most = 0
+        self._late = False
+
+    def served(self, due: int) -> None:
+        """Takes that the twins have been served with what was due (ns of CLOCK_MONOTONIC)."""
+        behind = time.monotonic_ns() - due
+        before, self._late = self._late, behind > LATE
+        self._times += self._late and not before
+        self._most = max(self._most, behind)
+        if self._late and not before and self._times == 1:
+            print(
+                f"srl twin: late by {behind * 1e-9:.2f} s, as this machine is busy: what the devices say comes late, "
+                "and a client may find them silent. End other programs, or give it priority: chrt -f 10 srl twin ...",
+                file=sys.stderr, flush=True,
+            )  # fmt: skip
+
+    def sum_up(self) -> None:
+        """Says at the end how often it was."""
+        if self._times:
+            print(
+                f"srl twin: late {self._times} times, by up to {self._most * 1e-9:.2f} s", file=sys.stderr, flush=True
+            )
+
+    def figures(self) -> dict[str, float]:
+        """How often, and by how much at most, s."""
+        return {"times": self._times, "most": self._most * 1e-9}
 
 
 class _Log:

@@ -55,6 +55,10 @@ class Clock(ABC):
     def wait(self) -> Tick:
         """Waits until the next tick is due."""
 
+    def breathe(self) -> None:
+        """For work that goes on over many periods: to be called in it, else its sleep is had at once in `wait`."""
+        self._breathe(time.monotonic_ns())
+
     def _breathe(self, begun: int) -> None:
         """Ends a wait that began at `begun` (CLOCK_MONOTONIC ns): sleeps on where sleep is overdue."""
         now = time.monotonic_ns()

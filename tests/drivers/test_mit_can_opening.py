@@ -53,6 +53,27 @@ def test_two_motors_with_one_id_are_refused() -> None:
     refused(limb, "two motors answer as 'elbow' (id 1)", "one by one")
 
 
+@pytest.mark.parametrize(("motors", "maker"), [(TWO, "damiao"), (AK, "v2")])
+def test_an_answer_that_is_late_isn_t_another_motor_s(motors: dict[str, Any], maker: str) -> None:
+    """On a busy host an answer may come with the one to the repeated question."""
+    limb = Limb(motors, maker)
+    take, late, heard = limb.drives.take, list[Any](), set[Any]()
+
+    def slow(id: int, data: bytes, extended: bool) -> Any:
+        answers = [*late, *take(id, data, extended)]
+        late.clear()
+        if (id, data) in heard:
+            return answers
+        heard.add((id, data))
+        late.extend(answers)
+        return []
+
+    limb.drives.take = slow  # type: ignore[method-assign]
+    limb.open()
+    assert limb.fault == ""
+    assert limb.state("position") == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
 def test_a_reply_on_another_identifier_is_named() -> None:
     limb = Limb()
     limb.drives.keep(1, Register.MST_ID, 0)

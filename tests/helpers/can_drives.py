@@ -12,6 +12,7 @@ from typing import Any
 from unittest.mock import patch
 
 import can
+import can.interfaces.virtual
 import numpy as np
 
 import drivers.can_axes.driver
@@ -34,6 +35,7 @@ from sim.devices.shared.can_drives import DrivesTwin, FakeDrives, FakeDrivesConf
 from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
+EPOCH = 1e9  # s, the system's clock when the simulated one begins
 MODELS = {"odrive": "ODrive-8", "cubemars-servo": "AK80-9"}
 ENDPOINTS = KeptFile(
     Path("flat_endpoints.json"),
@@ -168,7 +170,10 @@ class FakeRig:
 
 
 class TwinRig:
-    """The driver on the twin's bus, in memory of this process; both clocks run together."""
+    """The driver on the twin's bus, in memory of this process; both clocks run together.
+
+    So do the bus' own: a frame is as old as the simulated time since it was sent, however slow the machine is.
+    """
 
     PERIOD = 0.005
 
@@ -181,6 +186,11 @@ class TwinRig:
         real: Any = Odrive if kind_of(config) == "odrive" else CubemarsServo
         self.driver: CanAxes = bound(real("limb", config.model_copy(update={"port": bus} | options)))
         self.spy = can.Bus(interface="virtual", channel=bus.removeprefix("can://virtual/"))
+        seconds = lambda: self.bench.now * 1e-9  # noqa: E731
+        self._clock = SimpleNamespace(monotonic=seconds, time=lambda: EPOCH + seconds(), sleep=self.bench.run)
+        self._patches = ExitStack()
+        for module in (drivers.canbus, can.interfaces.virtual):
+            self._patches.enter_context(patch.object(module, "time", self._clock))
         if opened:
             self.open()
 
@@ -191,18 +201,13 @@ class TwinRig:
         self.driver.close()
         self.twin.close()
         self.spy.shutdown()
+        self._patches.close()
 
     def open(self) -> None:
         """Opens the driver; while it waits, simulated time passes, and no other."""
-        clock = SimpleNamespace(monotonic=lambda: self.bench.now * 1e-9, sleep=self.bench.run)
         with ExitStack() as patches:
-            for module in (
-                drivers.canbus,
-                drivers.can_axes.driver,
-                drivers.odrive.opening,
-                drivers.cubemars_servo.driver,
-            ):
-                patches.enter_context(patch.object(module, "time", clock))
+            for module in (drivers.can_axes.driver, drivers.odrive.opening, drivers.cubemars_servo.driver):
+                patches.enter_context(patch.object(module, "time", self._clock))
             self.driver.open()
 
     def run(self, seconds: float, command: Any = None, stop: Stop | None = None) -> None:

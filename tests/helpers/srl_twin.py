@@ -12,7 +12,7 @@ from helpers import ROOT
 
 
 class TwinProcess:
-    """Runs until the `with` ends; `figures` are there afterwards.
+    """Runs until the `with` ends; `figures`, and `late` (s, by how much it was behind at most), are there afterwards.
 
     Attributes:
         addresses: by device.
@@ -28,6 +28,7 @@ class TwinProcess:
         self.addresses: dict[str, str] = first["twins"]
         self.run: list[str] = first["run"]
         self.figures: dict[str, Any] = {}
+        self.late = 0.0
         self.said = ""
 
     def line(self) -> dict[str, Any]:
@@ -53,4 +54,5 @@ class TwinProcess:
         self.process.terminate()
         out, self.said = self.process.communicate(timeout=60)
         if self.process.returncode == 0:
-            self.figures = json.loads(out.splitlines()[-1])["figures"]
+            last = json.loads(out.splitlines()[-1])
+            self.figures, self.late = last["figures"], last["late"]["most"]
