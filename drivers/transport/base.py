@@ -57,8 +57,8 @@ class Transport(ABC):
                     break  # the next read finds the end again
                 self._lost("the other end hung up")
             chunks.append(chunk)
-            if self._short_is_last and len(chunk) < most:
-                break
+            if self._short_is_last and len(chunk) < most == FEW:
+                break  # later ones read on: a sender whose window was shut goes on meanwhile
         return chunks[0] if len(chunks) == 1 else b"".join(chunks)
 
     def write(self, data: bytes) -> bool:

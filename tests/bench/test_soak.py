@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 from contextlib import ExitStack
 
@@ -11,10 +12,13 @@ from bench.soak import Watched
 
 
 def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
-    watched, kept = Watched(), list[bytes]()
+    watched, kept = Watched(), list[mmap.mmap]()
     with ExitStack() as opened:
         for at in range(40):
-            kept.append(bytes([at]) * (1 << 20))  # 1 MiB a second
+            kept.append(
+                mmap.mmap(-1, 1 << 20, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+            )  # 1 MiB a second: not of what earlier tests gave back
+            kept[-1].write(bytes([1]) * (1 << 20))
             if at == 30:
                 opened.enter_context(open(os.devnull))
             watched.look(os.getpid(), float(at))
