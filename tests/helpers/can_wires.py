@@ -9,6 +9,7 @@ import itertools
 import os
 import struct
 import time
+from abc import abstractmethod
 from math import radians
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -82,9 +83,9 @@ class CanWire(Wire):
         patch.setattr(module, "open_can", opened)
         patch.setattr(twin, "take", taken)
 
+    @abstractmethod
     def heard(self, message: can.Message) -> tuple[int, float] | None:
         """What a frame commands a motor that obeys."""
-        raise NotImplementedError
 
     def open(self, device: Device) -> None:
         clock = SimpleNamespace(monotonic=lambda: self.bench.now * 1e-9, sleep=self.bench.run, time=time.time)

@@ -160,7 +160,7 @@ def examined(folder: Path, host: dict[str, str], ports: list[tuple[str, int]]) -
     (folder / "host.yaml").write_text(text)
     (folder / "recordings").mkdir(exist_ok=True)
     told = environment(folder) | host | {"FOLDER": str(folder), "ROOT": str(ROOT), "KIND": kind}
-    told |= {"INTERPRETER": "/root/.pyenv/python3" if host is ILL else "/bin/true", "SRL_RUNTIME_DIR": "/dev/shm/srl"}
+    told |= {"INTERPRETER": "/home/lab/python3" if host is ILL else "/bin/true", "SRL_RUNTIME_DIR": "/dev/shm/srl"}
     found = []
     held = os.open(paths[2], os.O_RDWR | os.O_NOCTTY) if host is ILL else -1
     for form in ("--json", None):
