@@ -188,16 +188,17 @@ class JointImpedance(Controller):
             self._weight()
 
     def doubts(self, dt: float) -> Iterator[tuple[str, str]]:
-        if self._damps(dt):
+        touched = list(cases(self._model, self._config.robot.home, self._lower, self._upper, self._rotors))
+        if self._damps(dt, touched):
             return
-        enough, late = dt, dt
-        while enough > _SHORTEST and not self._damps(enough):
+        late, enough = dt, dt / 2
+        while enough > _SHORTEST and not self._damps(enough, touched):
             late, enough = enough, enough / 2
         remedy = "Lower it, and 'damping_ratio'"
         if enough > _SHORTEST:
             for _ in range(6):
                 middle = (late + enough) / 2
-                late, enough = (late, middle) if self._damps(middle) else (middle, enough)
+                late, enough = (late, middle) if self._damps(middle, touched) else (middle, enough)
             remedy = f"Raise 'rate' to {ceil(0.1 / enough) * 10} Hz"
         yield (
             "stiffness",
@@ -273,11 +274,10 @@ class JointImpedance(Controller):
         out["torque"][:] = out["gravity"] + spring - self._D * qd
         out["desired"][:] = self._q_d
 
-    def _damps(self, dt: float) -> bool:
-        """Whether a frictionless arm comes to rest in cycles of dt seconds, also against something stiff."""
+    def _damps(self, dt: float, touched: list[tuple[Array, Array]]) -> bool:
+        """Whether the frictionless arm comes to rest in cycles of dt seconds, in each of these `cases`."""
         K, ratio = self._K, self._config.damping_ratio
-        found = cases(self._model, self._config.robot.home, self._lower, self._upper, self._rotors)
-        return all(growth(M, C, K, 2.0 * ratio * np.sqrt(K * M.diagonal()), dt) < GROWTH for M, C in found)
+        return all(growth(M, C, K, 2.0 * ratio * np.sqrt(K * M.diagonal()), dt) < GROWTH for M, C in touched)
 
     def _weight(self) -> None:
         out = self.output["gravity"]
