@@ -49,7 +49,8 @@ class Panda(Driver):
     With `interface: none` it is only read: no motion begins, nothing is set and no error is cleared.
 
     A motion begins with the first `write`. It ends with `stop`, with `close` or when no more writes come. The robot
-    stops by itself 20 ms after the last command, so no stop frame is needed. `health.errors` counts states that were
+    stops by itself 20 ms after the last command, so no stop frame is needed; a velocity is then reported as zero.
+    `health.errors` counts states that were
     malformed or never came. Source: protocol sheet franka-fci.
     """
 
@@ -212,6 +213,8 @@ class Panda(Driver):
             raise DeviceLostError(
                 self._place, "no state came from the robot for 1 s", "Check its power, its cable and that FCI is active"
             )
+        elif self._motion.starve(now - self._heard):
+            self.sent_arrays[self._command][:] = self._motion.values
         if self._newest and self._modes.mode is _IDLE and not self._modes.errors:
             self._send_settings(channel)
         self._judge()

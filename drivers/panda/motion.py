@@ -21,6 +21,7 @@ from drivers.panda.state import Modes, StateReader
 from runtime.contracts.signals import Kind
 
 PATIENCE: Final = 1000  # states to wait for a reply after the motion's end, or for the motion after its start
+STARVED: Final = 25_000_000  # ns without a state to answer: the robot ends a motion after 20 lost packets (sheet)
 STILL: Final = 0.02  # share of the velocity limit: slower than this a joint is at rest
 _SEVEN: Final = Struct("<7d")
 
@@ -121,6 +122,18 @@ class Motion:
         """From now on the packets bring the arm to rest and end the motion."""
         if self.phase is Phase.RUNNING:
             self.phase = Phase.ENDING
+
+    def starve(self, silence: int) -> bool:
+        """Whether the robot has just ended a velocity by itself, unheard. Then `values` are zero.
+
+        `silence`: ns for which no state came, and so no command left. The next motion begins at rest, whatever was
+        commanded before the silence.
+        """
+        moving = self._kind is Kind.VELOCITY and self.phase in (Phase.RUNNING, Phase.ENDING) and any(self.values)
+        if not moving or silence <= STARVED:
+            return False
+        self.values = [0.0] * 7
+        return True
 
     def abandon(self) -> None:
         """Marks the motion as over: the session has ended, or the motion has been given up."""

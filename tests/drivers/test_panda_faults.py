@@ -2,6 +2,7 @@
 
 import time
 
+import numpy as np
 import pytest
 from helpers.fci_pair import MS, VERSIONS
 
@@ -139,6 +140,22 @@ def test_a_silent_robot_is_lost_after_a_second(pair):
     started = time.monotonic()
     p.driver.close()
     assert time.monotonic() - started < 5  # nobody is left to end the motion with
+
+
+def test_after_a_silence_a_velocity_begins_at_rest_not_at_what_was_meant_before(pair):
+    p = pair(10, interface="velocity")
+    p.start()
+    p.command[:] = 0.3
+    p.cycle(300)
+    assert min(p.driver.sent_arrays["velocity_command"]) > 0.2
+    p.driver.sent_arrays["velocity_command"][:] = np.nan  # as the loop does, once it has taken what was sent
+    p.driver.read(p.now + 19 * MS)
+    assert np.isnan(p.driver.sent_arrays["velocity_command"]).all()  # the robot may still be moving
+    p.driver.read(p.now + 30 * MS)
+    assert p.driver.sent_arrays["velocity_command"].tolist() == [0.0] * 7
+    p.driver.sent_arrays["velocity_command"][:] = np.nan
+    p.driver.read(p.now + 31 * MS)
+    assert np.isnan(p.driver.sent_arrays["velocity_command"]).all()  # said once: nothing leaves
 
 
 def test_our_own_stall_is_no_loss_and_makes_no_burst(pair):

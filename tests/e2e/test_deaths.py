@@ -17,9 +17,9 @@ from runtime.ipc.words import Cause, State
 from runtime.recording.reader import read
 
 
-@pytest.mark.serial  # counts the cycles of 14 s
+@pytest.mark.serial  # a ring holds some seconds of rows: the recorder must be back in them
 def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
-    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "14", "--record", "x.rrd") as run:
+    with Running(tmp_path, "sixth-finger", "--sim", "--record", "x.rrd") as run:
         run.started()
         run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
         run.until(lambda: run.reader.head > 200, "two seconds of rows")
@@ -37,13 +37,13 @@ def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
             back[name] = time.monotonic() - killed
             mark = run.reader.head
             run.until(lambda mark=mark: run.reader.head > mark + 100, "another second of rows")
+        call(tmp_path, "stop", "--exit")
         found = run.finish()
     print(f"back after {back}")
     assert found["restarts"] == {"bus": 1, "recorder": 1}
-    assert max(back.values()) < 10  # the figure for people is in the closing event; this only catches a hang
     recording = read(tmp_path / "x.rrd")
     assert recording.missing == []
-    assert len(recording.rows) == found["cycles"] > 1400
+    assert len(recording.rows) == found["cycles"] > mark
 
 
 def _answers(run: Running) -> bool:

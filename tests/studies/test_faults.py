@@ -57,6 +57,11 @@ def test_the_finger_does_what_is_expected(device: str, fault: str, cause: str) -
     assert found["recorded"]
 
 
+@pytest.mark.slow
+def test_a_jogged_arm_that_falls_silent_doesnt_go_on_when_it_heals() -> None:
+    assert run("panda-jog", "arm", "silent")["wrong"] == ""
+
+
 def blind(patch: pytest.MonkeyPatch) -> None:
     """Nobody looks for faults."""
     patch.setattr(Cycle, "_find_fault", lambda self, now: None)

@@ -70,6 +70,7 @@ class FakePanda(Fake):
     def read(self, now: int) -> None:
         self._check()
         health, robot = self.health, self.robot
+        self._fresh, self._heard = True, self.world.time
         steps = self._follow()
         if steps or not self._data:
             self._data = data = robot.write().tobytes()
@@ -96,6 +97,11 @@ class FakePanda(Fake):
             return
         self._unwritten = 0
         motion, modes = self._motion, self._modes
+        if not self._fresh:  # nothing comes from the robot: it counts the commands that it doesn't get
+            self._follow()
+            if motion.starve(self.world.time - self._heard):
+                self.sent_arrays[self.commands[0].name][:] = motion.values
+        self._fresh = False
         if motion.phase is Phase.RUNNING:
             self._answer()
         elif motion.phase is Phase.NONE and modes.mode is RobotMode.IDLE and not modes.errors and not self.health.fault:
@@ -141,6 +147,7 @@ class FakePanda(Fake):
         self._modes = Modes(0, 0, RobotMode.OTHER, (), ())
         self._answered = True
         self._unwritten = 0
+        self._fresh, self._heard = True, self.world.time  # whether, and when (ns), it was read since the last `write`
         self._trouble = ""
 
     def _follow(self) -> int:

@@ -127,6 +127,18 @@ def test_cut_off_commands_end_in_a_fault() -> None:
     assert loop.fake.figures()["lost_commands"] == 20
 
 
+def test_a_robot_of_which_nothing_comes_ends_its_motion_as_a_real_one_does() -> None:
+    loop = Loop("velocity")
+    loop.run(0.3, 0.1)
+    for _ in range(30):  # the loop goes on, and no state reaches it
+        loop.world.advance(loop.world.time + MS)
+        loop.fake.write(loop.world.time)
+    assert loop.fake.sent_arrays["velocity_command"].tolist() == [0.0] * 7
+    loop.run(0.01, 0.1)
+    assert loop.fault == "reflex: communication_constraints_violation"
+    assert loop.fake.figures()["lost_commands"] == 20
+
+
 def test_the_user_stop_is_a_fault_by_itself() -> None:
     loop = Loop(user_stop=[[0.1, 0.2]])
     loop.run(0.15, 0.0)
