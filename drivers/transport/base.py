@@ -56,9 +56,9 @@ class Transport(ABC):
                 if chunks:
                     break  # the next read finds the end again
                 self._lost("the other end hung up")
-            chunks.append(chunk)
             if self._short_is_last and len(chunk) < most == FEW:
-                break  # later ones read on: a sender whose window was shut goes on meanwhile
+                return chunk  # later ones read on: a sender whose window was shut goes on meanwhile
+            chunks.append(chunk)
         return chunks[0] if len(chunks) == 1 else b"".join(chunks)
 
     def write(self, data: bytes) -> bool:

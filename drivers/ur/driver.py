@@ -208,13 +208,14 @@ class Ur(Driver):
 
     def _take(self, data: bytes) -> bool:
         """Takes the newest sample; returns whether one came."""
-        parser, newest = self._parser, None
-        for message in parser.feed(data):
-            if message.kind == Kind.DATA:
-                newest = message.body
-            elif message.kind == Kind.TEXT and (remark := rtde.text(message.body)):
-                self.health.message = remark.text
-        health = self.health
+        parser, health = self._parser, self.health
+        newest = parser.sole(data)
+        if newest is None:
+            for message in parser.feed(data):
+                if message.kind == Kind.DATA:
+                    newest = message.body
+                elif message.kind == Kind.TEXT and (remark := rtde.text(message.body)):
+                    health.message = remark.text
         health.frames, health.errors, health.resyncs = parser.frames, parser.errors, parser.resyncs
         return newest is not None and self._sample.take(newest)
 

@@ -97,18 +97,23 @@ class Parser:
         """From now on accepts only these kinds, and data, as messages."""
         self.sizes = dict(sizes)
 
+    def sole(self, chunk: bytes) -> bytes | None:
+        """The body, where these bytes are one data message and nothing else, as the packet of one cycle is.
+
+        Returns:
+            None if they are anything else: then `feed` is to take them.
+        """
+        size = len(chunk)
+        if self._rest or size < 4 or chunk[2] != _DATA:
+            return None
+        if not chunk[0] << 8 | chunk[1] == size == self.data.get(chunk[3]):
+            return None
+        self.frames += 1
+        self._lost = False
+        return chunk[3:]
+
     def feed(self, chunk: bytes) -> list[Message]:
         """Takes bytes as they come; returns the messages they complete, oldest first."""
-        size = len(chunk)
-        if (
-            not self._rest
-            and size > 3
-            and chunk[2] == _DATA
-            and chunk[0] << 8 | chunk[1] == size == self.data.get(chunk[3])
-        ):
-            self.frames += 1  # the ordinary case: the packet of one cycle, and nothing else
-            self._lost = False
-            return [Message(_DATA, chunk[3:])]
         buffer = self._rest + chunk if self._rest else chunk
         found: list[Message] = []
         at, end = 0, len(buffer)

@@ -16,8 +16,8 @@ static double number(void) {
 }
 
 int main(void) {
-    const Law *laws[] = {&tool_pose,      &admittance,     &moca_impedance, &torque_guard,
-                         &velocity_guard, &position_guard, &sent_tracker};
+    const Law *laws[] = {&tool_pose,      &admittance,   &moca_impedance, &torque_guard, &velocity_guard,
+                         &position_guard, &sent_tracker, &ur_take,        &ur_fill};
     for (size_t i = 0; i < sizeof laws / sizeof *laws; i++) {
         uint64_t hash = 1469598103934665603u;
         int done = 0;
@@ -31,6 +31,12 @@ int main(void) {
                 for (int k = 0; k < size[count]; k++) arrays[count][k] = number();
             }
             if (laws[i] == &sent_tracker) memcpy(arrays[1], arrays[0], n * sizeof(double));
+            if (laws[i] == &ur_take) /* what a robot sends: big-endian, from the second byte on */
+                for (int k = size[0] * 8 - 1; k > 0; k--) {
+                    double sent = number();
+                    unsigned char *at = (unsigned char *)arrays[0];
+                    at[k] = ((unsigned char *)&sent)[7 - (k - 1) % 8];
+                }
             if (laws[i] == &position_guard) /* joints at rest, near to where they are to go */
                 for (int k = 0; k < n; k++) {
                     double *row = arrays[4] + 5 * k, *limits = arrays[2] + 4 * k;

@@ -137,6 +137,17 @@ def test_messages_are_joined_however_they_are_split():
     assert (parser.frames, parser.errors, parser.resyncs) == (4, 0, 0)
 
 
+@given(st.lists(st.sampled_from([DATA, DATA[:7], DATA[7:], DATA + DATA, rtde.remark("a", "b", 3), b"\0", b""])))
+def test_a_message_alone_is_what_feed_finds(chunks):
+    recipe = Recipe(["timestamp", "speed_scaling"], ["DOUBLE", "DOUBLE"])
+    one, other = client((1, recipe)), client((1, recipe))
+    for chunk in chunks:
+        body = one.sole(chunk)
+        found = one.feed(chunk) if body is None else [Message(Kind.DATA, body)]
+        assert found == other.feed(chunk)
+    assert (one.frames, one.errors, one.resyncs) == (other.frames, other.errors, other.resyncs)
+
+
 @given(st.binary(max_size=200))
 def test_the_next_good_messages_are_found_behind_any_garbage(garbage):
     recipe = Recipe(["timestamp", "speed_scaling"], ["DOUBLE", "DOUBLE"])
