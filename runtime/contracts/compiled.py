@@ -49,12 +49,14 @@ def bind(name: str, *arrays: Array) -> Step:
         `f(dt, flag=False)`: 0 done, 1 done and limited (of a guard), -1 nothing done: Python must.
 
     Raises:
-        NotCompiledError: there is no C here, or the arrays are of a kind or size that it doesn't take.
+        NotCompiledError: there is no C here, or an older one, or the arrays are of a kind or size that it doesn't take.
     """
     if extension is None:
         raise NotCompiledError(_missing)
     try:
         step: Step = extension.bind(name, *arrays)
+    except KeyError:
+        raise NotCompiledError(f"the C here is older than '{name}': install the package again") from None
     except (TypeError, ValueError, BufferError) as error:
         raise NotCompiledError(str(error)) from None
     return step
