@@ -152,6 +152,7 @@ class Cell(World):
 
     def advance(self, until: int) -> None:
         goal, timestep = until // self.timestep, self.timestep
+        settled = False
         while self.step < goal:
             step = self.step
             stop = goal
@@ -166,9 +167,10 @@ class Cell(World):
                 stop = min(stop, max(-(-samples.due // timestep), step + 1))
             mujoco.mj_step(self.model, self.data, stop - step)
             self.step = stop
-            self._take()
+            settled = self._take()
         self.time = max(self.time, until)
-        self._settle()
+        if not settled:
+            self._settle()
         for part in self.parts.values():
             part.fill(self.truth_arrays)
         if self._planner is not None:
@@ -207,7 +209,8 @@ class Cell(World):
         for keeper, values in zip(keepers, rest[len(self.truth) :], strict=True):
             keeper.restore(values)
 
-    def _take(self) -> None:
+    def _take(self) -> bool:
+        """Takes the samples that are due; returns whether it has settled positions for that."""
         now = self.step * self.timestep
         settled = False
         for samples in self._samples:
@@ -218,6 +221,7 @@ class Cell(World):
                 settled = True
             while samples.due <= now:
                 samples.take()
+        return settled
 
     def _settle(self) -> None:
         """Recomputes positions: after a step, those of bodies and sites are one step behind the joints."""

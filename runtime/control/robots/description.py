@@ -6,7 +6,7 @@ joint's axis; the flange frame, fixed to the last link, with z outward.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import cos, sin
 
@@ -84,10 +84,16 @@ class SlidingFriction:
     span: Array
     steepness: Array
     offset: Array
+    _rest: tuple[Array, Array, Array, Array] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for value in (self.span, self.steepness, self.offset):
             value.flags.writeable = False
+        # Constants of `damping`, which a simulated arm asks in every step.
+        rest = 0.5 * self.steepness * self.offset
+        object.__setattr__(
+            self, "_rest", (0.5 * self.steepness, rest, np.cosh(rest), 0.25 * self.span * self.steepness)
+        )
 
     def torque(self, dq: Array) -> Array:
         """The torque against the motion, N m (n,), at dq (n,) rad/s."""
@@ -97,10 +103,16 @@ class SlidingFriction:
     def damping(self, dq: Array) -> Array:
         """The torque over the speed, N m s/rad (n,), at dq (n,) rad/s. It is positive and finite, at rest as well."""
         # s(dq) - s(0) = sinh(y/2) / (2 cosh(x/2) cosh(x0/2)) with y = x - x0: no difference of near values.
-        rest, half = 0.5 * self.steepness * self.offset, 0.5 * self.steepness * dq
-        half = np.where(np.abs(half) < 1e-6, 1e-6, np.clip(half, -300.0, 300.0))
-        share = np.sinh(half) / (half * np.cosh(half + rest) * np.cosh(rest))
-        found: Array = 0.25 * self.span * self.steepness * share
+        steepness, rest, at_rest, most = self._rest
+        half = steepness * dq
+        np.minimum(np.maximum(half, -300.0, out=half), 300.0, out=half)
+        half[np.abs(half) < 1e-6] = 1e-6
+        bound = np.cosh(half + rest)
+        bound *= half
+        bound *= at_rest
+        found: Array = np.sinh(half, out=half)
+        found /= bound
+        found *= most
         return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Annotated, Final
 
 import numpy as np
@@ -71,9 +72,10 @@ class FakeBase(SampledFake):
     def write(self, now: int) -> None:
         self.check_there()
         values = self.command_arrays[COMMAND]
-        if np.isfinite(values).all():
-            self.obey(*np.clip(values, -self._top, self._top).tolist())
-            np.clip(values, -self._top, self._top, out=self.sent_arrays[COMMAND])
+        if isfinite(sum(values.tolist())):
+            sent = self.sent_arrays[COMMAND]
+            np.minimum(np.maximum(values, -self._top, out=sent), self._top, out=sent)
+            self.obey(*sent.tolist())
             self._driven = True
 
     def stop(self, category: Stop) -> None:

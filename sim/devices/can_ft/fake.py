@@ -76,11 +76,10 @@ class FakeCanFt(ForceTorqueFake):
             self.sampled(6, lambda: self.part.wrench)
             self._last = self.newest()
 
-    def measured(self, number: int) -> Array | None:
-        """See `ForceTorqueFake.measured`; filtered with a first-order low-pass."""
-        now = super().measured(number)
-        if now is None or self.cutoff == 0:
-            return now
+    def arriving(self, number: int) -> Array:
+        """See `SampledFake.arriving`; filtered with a first-order low-pass."""
+        if self.cutoff == 0:
+            return super().arriving(number)
         # Computed again from the stored samples, so that the filter has no state to save.
         keep = np.exp(-2 * np.pi * self.cutoff / self.rate)
         length = min(number + 1, int(_REMEMBERED * self.rate), int(7 / -np.log(keep)) + 1)

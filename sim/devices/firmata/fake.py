@@ -177,7 +177,7 @@ class FakeFirmata(Fake):
                 for since, new in levels:
                     if since <= t:
                         level = new
-                out[i] = max(level, float(self._pressed(i)))
+                out[i] = level if self._person is None else max(level, float(self._pressed(i, self._person)))
 
     def write(self, now: int) -> None:
         self._check()
@@ -237,14 +237,13 @@ class FakeFirmata(Fake):
             return True
         return inside(self._options.presses.get(self._buttons[number], ()), self.world.time)
 
-    def _pressed(self, number: int) -> bool:
+    def _pressed(self, number: int, person: Presser) -> bool:
         """The state of the person's finger on a button, debounced at each read as the real driver does."""
-        if self._person is None:
-            return False
-        now, down = self.world.time, self._person.pressed(self._buttons[number])
-        if down != self._seen[number][0] or now < self._seen[number][1]:
-            self._seen[number] = (down, now)
-        if now - self._seen[number][1] >= self._waits[number]:
+        now, down = self.world.time, person.pressed(self._buttons[number])
+        was, since = self._seen[number]
+        if down != was or now < since:
+            self._seen[number], since = (down, now), now
+        if now - since >= self._waits[number]:
             self._steady[number] = down
         return self._steady[number]
 

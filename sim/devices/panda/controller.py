@@ -61,6 +61,7 @@ class PandaController:
         errors: (41,), the present errors. reflex_reason: the errors that ended the last motion.
         outcome: how the last motion ended, until `take_outcome`.
         contact, collision: (7,), 1 where the external torque is above its threshold; likewise (6,) `cartesian_...`.
+        touching: (2, 13), all four: the lower thresholds, then the upper ones; joints, then axes.
         external: N m (7,), external torques, filtered.
         wrench: (6,) N, N m, acting on the robot at frame K, base axes.
         torque: N m (7,), the last torques requested from the drives, gravity excluded.
@@ -90,8 +91,14 @@ class PandaController:
         self.errors: NDArray[np.bool_] = np.zeros(len(ERRORS), np.bool_)
         self.reflex_reason = self.errors.copy()
         self.outcome: Status | None = None
-        self.contact, self.collision = np.zeros(7), np.zeros(7)
-        self.cartesian_contact, self.cartesian_collision = np.zeros(6), np.zeros(6)
+        self.touching = np.zeros((2, 13))
+        self.contact, self.cartesian_contact = self.touching[0, :7], self.touching[0, 7:]
+        self.collision, self.cartesian_collision = self.touching[1, :7], self.touching[1, 7:]
+        limits = self.limits
+        slowest, fastest = limits.velocities(arm.position)
+        spare = np.concatenate((np.full(7, BEYOND), OVERSPEED * limits.velocity))
+        self._least = np.concatenate((limits.lower, slowest)) - spare
+        self._most = np.concatenate((limits.upper, fastest)) + spare
         self.external, self.wrench, self.torque = np.zeros(7), np.zeros(6), np.zeros(7)
         self.pose, self.desired_pose = np.eye(4), np.eye(4)
         self.revision = 0
@@ -101,6 +108,7 @@ class PandaController:
         self._started: int | None = None  # tick at which a motion started, until its first packet
         self._recovered_at: int | None = None
         self._carried()
+        self._know()
         self._sense()
         self._drive()
 
@@ -145,7 +153,7 @@ class PandaController:
         """Starts automatic error recovery; returns None if it has started, else the reason for the refusal."""
         if self.mode in (RobotMode.USER_STOPPED, RobotMode.MOVE):
             return Status.NOT_POSSIBLE
-        if self._outside().any():
+        if any(self._beyond()[:7]):
             return Status.MANUAL_RECOVERY
         self.mode = RobotMode.AUTOMATIC_ERROR_RECOVERY
         self._recovered_at = self.ticks + RECOVERY
@@ -158,6 +166,7 @@ class PandaController:
         if not self.settings.apply(command):
             return Status.INVALID_ARGUMENT
         self.revision += 1
+        self._know()
         if isinstance(command, SetLoad):
             carried = self._carried()
             self.arm.tell_payload(carried.mass, np.array(carried.com))
@@ -199,8 +208,10 @@ class PandaController:
             self._follow(setpoint, counts)
         if self.mode not in (RobotMode.MOVE, RobotMode.USER_STOPPED):
             self.motion.brake()
-        pin.framesForwardKinematics(self._model, self._desired, self.motion.q)
-        self.desired_pose = self._desired.oMf[self._flange].homogeneous @ self.settings.F_T_EE
+        if (at := self.motion.q.tobytes()) != self._desired_at:
+            self._desired_at = at
+            pin.framesForwardKinematics(self._model, self._desired, self.motion.q)
+            self.desired_pose = self._desired.oMf[self._flange].homogeneous @ self._ee
         self._drive()
 
     @property
@@ -242,51 +253,55 @@ class PandaController:
             self.motion.extrapolate()
 
     def _sense(self) -> None:
-        arm, model, work, settings = self.arm, self._model, self._work, self.settings
+        arm, model, work, external = self.arm, self._model, self._work, self.external
         arm.measure()
-        self.external += FILTER * (arm.external_effort - self.external)
+        external += FILTER * (arm.external_effort - external)
         pin.computeJointJacobians(model, work, arm.position)
         pin.updateFramePlacement(model, work, self._flange)
         jacobian = pin.getFrameJacobian(model, work, self._flange, pin.LOCAL_WORLD_ALIGNED)
-        flange, ee = work.oMf[self._flange].homogeneous, settings.F_T_EE
-        self.pose = flange @ ee
-        # At K instead of the flange: v_K = v_F + w x r.
-        x, y, z = (self.pose @ settings.EE_T_K[:, 3] - flange[:, 3]).tolist()[:3]
-        a, b, c = jacobian[3:]
-        jacobian[:3] += (b * z - c * y, c * x - a * z, a * y - b * x)
-        if self.external.any():
+        self.pose = flange = work.oMf[self._flange].homogeneous
+        if not self._bare:
+            self.pose = flange @ self._ee
+            # At K instead of the flange: v_K = v_F + w x r.
+            x, y, z = (self.pose @ self.settings.EE_T_K[:, 3] - flange[:, 3]).tolist()[:3]
+            a, b, c = jacobian[3:]
+            jacobian[:3] += (b * z - c * y, c * x - a * z, a * y - b * x)
+        if any(external.tolist()):
             square = jacobian @ jacobian.T
             square.flat[::7] += 1e-4  # near a singularity some forces can't be estimated
-            self.wrench = np.linalg.solve(square, jacobian @ self.external)
+            self.wrench = np.linalg.solve(square, jacobian @ external)
         else:
             self.wrench = np.zeros(6)
-        kind = "_acceleration" if self.motion.ddq.any() else ""
-        torque, force = np.abs(self.external), np.abs(self.wrench)
-        self.contact = (torque > getattr(settings, f"lower_torque{kind}")).astype(float)
-        self.collision = (torque > getattr(settings, f"upper_torque{kind}")).astype(float)
-        self.cartesian_contact = (force > getattr(settings, f"lower_force{kind}")).astype(float)
-        self.cartesian_collision = (force > getattr(settings, f"upper_force{kind}")).astype(float)
+        loads = np.concatenate((external, self.wrench))
+        thresholds = self._thresholds[any(self.motion.ddq.tolist())]
+        np.greater(np.abs(loads, out=loads), thresholds, out=self.touching)
 
     def _watch(self) -> None:
         """Checks for the errors that end a motion whatever its setpoints are."""
-        q, dq, limits = self.arm.position, self.arm.velocity, self.limits
-        slowest, fastest = limits.velocities(q)
-        spare = OVERSPEED * limits.velocity
+        outside = self._beyond()
         found = []
-        if self._outside().any():
+        if any(outside[:7]):
             found.append("joint_position_limits_violation")
-        if ((dq < slowest - spare) | (dq > fastest + spare)).any():
+        if any(outside[7:]):
             found.append("joint_velocity_violation")
-        if self.collision.any():
+        collisions = self.touching[1].tolist()
+        if any(collisions[:7]):
             found.append("joint_reflex")
-        if self.cartesian_collision.any():
+        if any(collisions[7:]):
             found.append("cartesian_reflex")
         if found:
             self._reflex(*found)
 
-    def _outside(self) -> NDArray[np.bool_]:
-        q = self.arm.position
-        return (q < self.limits.lower - BEYOND) | (q > self.limits.upper + BEYOND)
+    def _beyond(self) -> list[bool]:
+        """For each joint, whether its position is outside its limits; then the same for its velocity."""
+        arm, limits = self.arm, self.limits
+        if limits.velocity_offset is not None:
+            spare = OVERSPEED * limits.velocity
+            slowest, fastest = limits.velocities(arm.position)
+            self._least[7:], self._most[7:] = slowest - spare, fastest + spare
+        moving = np.concatenate((arm.position, arm.velocity))
+        found: list[bool] = ((moving < self._least) | (moving > self._most)).tolist()
+        return found
 
     def _reflex(self, *names: str) -> None:
         for name in names:
@@ -337,6 +352,19 @@ class PandaController:
         else:
             self.torque = self._impedance()
             arm.command("torque", self.torque, self.torque)
+
+    def _know(self) -> None:
+        """Prepares what follows from the settings alone."""
+        settings = self.settings
+        self._ee = settings.F_T_EE
+        self._bare = np.array_equal(self._ee, np.eye(4)) and np.array_equal(settings.EE_T_K, np.eye(4))
+        self._desired_at = b""
+        # By whether the desired motion accelerates: (2, 13), as `touching`.
+        self._thresholds = [
+            np.array([np.concatenate([getattr(settings, f"{bound}_{what}{kind}") for what in ("torque", "force")])
+                      for bound in ("lower", "upper")])
+            for kind in ("", "_acceleration")
+        ]  # fmt: skip
 
     def _carried(self) -> Payload:
         """Adds tool and load together and puts them into the model."""

@@ -21,6 +21,12 @@ TORQUE_STEP: Final = TORQUE_RATE * DT  # N m from one packet to the next
 # Differences of setpoints are divided by DT up to three times, so rounding errors must not look like jerk. A client
 # that starts from the float32 state of protocol 10 is off by up to 1.2e-7 rad.
 _ROUNDING: Final = 1.001
+_BROKEN: Final = (
+    "joint_motion_generator_position_limits_violation",
+    "joint_motion_generator_velocity_limits_violation",
+    "joint_motion_generator_velocity_discontinuity",
+    "joint_motion_generator_acceleration_discontinuity",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +81,16 @@ class JointGenerator:
 
     def __init__(self, limits: JointLimits, q: Array) -> None:
         self.limits = limits
-        self.q, self.dq, self.ddq = q.copy(), np.zeros(7), np.zeros(7)
+        self._state = np.zeros((3, 7))
+        self.q, self.dq, self.ddq = self._state
+        self.q[:] = q
         self._begun = False
+        # What a setpoint may ask for: positions, velocities, accelerations, jerks.
+        self._new = np.zeros((4, 7))
+        slowest, fastest = limits.velocities(q)
+        bounds = [(limits.lower, limits.upper), (slowest * _ROUNDING, fastest * _ROUNDING)]
+        bounds += [(-most * _ROUNDING, most * _ROUNDING) for most in (limits.acceleration, limits.jerk)]
+        self._least, self._most = np.array(bounds).swapaxes(0, 1).copy()
 
     def begin(self) -> None:
         """Starts a motion from rest; its first setpoint must fit the present desired position."""
@@ -106,35 +120,34 @@ class JointGenerator:
     def take(self, setpoint: Setpoint, generator: Generator) -> str:
         """Takes the next setpoint; returns the name of its error, or "". A faulty setpoint isn't used."""
         first, self._begun = self._begun, False
-        bounds = self.limits
+        bounds, new = self.limits, self._new
+        q, dq, ddq, dddq = new
         if generator is Generator.JOINT_POSITION:
-            q = setpoint.q
-            dq = (q - self.q) / DT
+            q[:] = setpoint.q
+            np.divide(np.subtract(q, self.q, out=dq), DT, out=dq)
             if first and not (np.abs(dq) <= bounds.velocity).all():
                 return "joint_position_motion_generator_start_pose_invalid"
         else:
-            dq = setpoint.dq
-            q = self.q + dq * DT
-        ddq = (dq - self.dq) / DT
-        dddq = (ddq - self.ddq) / DT
-        if not ((q >= bounds.lower) & (q <= bounds.upper)).all():
-            return "joint_motion_generator_position_limits_violation"
-        slowest, fastest = bounds.velocities(q)
-        if not ((dq >= slowest * _ROUNDING) & (dq <= fastest * _ROUNDING)).all():
-            return "joint_motion_generator_velocity_limits_violation"
-        if not (np.abs(ddq) <= bounds.acceleration * _ROUNDING).all():
-            return "joint_motion_generator_velocity_discontinuity"
-        if not (np.abs(dddq) <= bounds.jerk * _ROUNDING).all():
-            return "joint_motion_generator_acceleration_discontinuity"
-        self.q[:], self.dq[:], self.ddq[:] = q, dq, ddq
+            dq[:] = setpoint.dq
+            np.add(self.q, np.multiply(dq, DT, out=q), out=q)
+        np.divide(np.subtract(dq, self.dq, out=ddq), DT, out=ddq)
+        np.divide(np.subtract(ddq, self.ddq, out=dddq), DT, out=dddq)
+        if bounds.velocity_offset is not None:
+            slowest, fastest = bounds.velocities(q)
+            self._least[1], self._most[1] = slowest * _ROUNDING, fastest * _ROUNDING
+        within = ((new >= self._least) & (new <= self._most)).all(axis=1).tolist()
+        if not all(within):
+            return _BROKEN[within.index(False)]
+        self._state[:] = new[:3]
         return ""
 
 
 def torque_error(last: Array, new: Array) -> str:
     """The error of a torque setpoint that follows the last one, or ""."""
-    if not (np.abs(new - last) <= TORQUE_STEP + 1e-9).all():
-        return "controller_torque_discontinuity"
-    return ""
+    most = TORQUE_STEP + 1e-9
+    if all(-most <= torque - before <= most for torque, before in zip(new.tolist(), last.tolist(), strict=True)):
+        return ""
+    return "controller_torque_discontinuity"
 
 
 class Reception:

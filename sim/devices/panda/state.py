@@ -6,7 +6,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from drivers.panda.packets import RobotMode, state_record
+from drivers.panda.packets import ERRORS, RobotMode, state_record
 from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from sim.devices.panda.controller import FLIP, PandaController
@@ -37,30 +37,28 @@ class Sensors:
         self._key, self._scale = key, np.repeat(noise, 7)
         self._silent = not any(noise)
         self._block = -1
-        self._draws = np.zeros((0, 21))
+        self._draws = np.zeros((0, 4, 7))
         self._tick = 0
-        self.position, self.velocity = arm.position.copy(), arm.velocity.copy()
-        self.effort, self.external_effort = arm.effort.copy(), arm.external_effort.copy()
+        self._values = np.zeros((4, 7))
+        self.position, self.velocity, self.effort, self.external_effort = self._values
+        arm.measured(self._values)
         self.effort_rate = np.zeros(7)
         self.stiffness = arm.robot.stiffness
 
     def measure(self) -> None:
         """Measures the values of the next tick."""
-        arm, last = self.arm, self.effort
-        self.position, self.velocity = arm.position, arm.velocity
-        self.effort, self.external_effort = arm.effort, arm.external_effort
+        np.negative(self.effort, out=self.effort_rate)
+        self.arm.measured(self._values)
         if not self._silent:
             block, row = divmod(self._tick, _BLOCK)
             if block != self._block:
                 rng = np.random.default_rng([*self._key, block])
-                self._draws = rng.normal(0.0, 1.0, (_BLOCK, 21)) * self._scale
+                draws = (rng.normal(0.0, 1.0, (_BLOCK, 21)) * self._scale).reshape(_BLOCK, 3, 7)
+                self._draws = draws[:, (0, 1, 2, 2)]  # both efforts err alike
                 self._block = block
-            draw = self._draws[row]
-            self.position = self.position + draw[:7]
-            self.velocity = self.velocity + draw[7:14]
-            self.effort = self.effort + draw[14:]
-            self.external_effort = self.external_effort + draw[14:]
-        self.effort_rate = (self.effort - last) / DT
+            self._values += self._draws[row]
+        self.effort_rate += self.effort
+        self.effort_rate /= DT
         self._tick += 1
 
     def command(self, mode: Literal["brake", "torque", "position"], values: Array, rates: Array) -> None:
@@ -84,40 +82,47 @@ class StateWriter:
         self._controller, self._sensors = controller, sensors
         self._revision = -1
         self.record["O_ddP_O"] = DOWN
+        # Views of neighbouring fields: each is filled by one call.
+        self._id = self._view("message_id", "message_id")
+        self._poses, self._commanded = self._view("O_T_EE", "O_T_EE_d"), self._view("O_T_EE_c", "O_T_EE_c")
+        self._elbows, self._moved = self._view("elbow", "elbow_d"), self._view("tau_J", "ddq_d")
+        self._felt, self._motors = self._view("joint_contact", "K_F_ext_hat_K"), self._view("theta", "dtheta")
+        self._modes = self._view("motion_generator_mode", "robot_mode", np.uint8)
+        self._rate = self._view("control_command_success_rate", "control_command_success_rate")
+
+    def _view(self, first: str, last: str, kind: Any = None) -> Any:
+        """The fields from `first` to `last`, which follow each other, as one array."""
+        layout = self.record.dtype
+        (of_first, start), (of_last, end) = layout.fields[first][:2], layout.fields[last][:2]
+        real = np.dtype(kind or of_first.base)
+        return np.ndarray(((end + of_last.itemsize - start) // real.itemsize,), real, self.record, start)
 
     def write(self, message_id: int) -> None:
         """Copies the controller's present state."""
-        control, sensors, record = self._controller, self._sensors, self.record
+        control, sensors = self._controller, self._sensors
         if control.revision != self._revision:
             self._settings()
-        motion = control.motion
-        record["message_id"] = message_id
-        record["q"] = record["theta"] = q = sensors.position
-        record["dq"] = record["dtheta"] = sensors.velocity
-        record["tau_J"] = sensors.effort
-        record["dtau_J"] = sensors.effort_rate
-        record["q_d"], record["dq_d"], record["ddq_d"] = motion.q, motion.dq, motion.ddq
-        record["tau_J_d"] = control.torque
-        record["tau_ext_hat_filtered"] = control.external
-        record["O_F_ext_hat_K"] = wrench = control.wrench
-        turn = (control.pose[:3, :3] @ control.settings.EE_T_K[:3, :3]).T
-        record["K_F_ext_hat_K"] = np.concatenate((turn @ wrench[:3], turn @ wrench[3:]))
-        record["O_T_EE"] = control.pose.T.ravel()
-        record["O_T_EE_d"] = record["O_T_EE_c"] = control.desired_pose.T.ravel()
-        record["elbow"] = (q[2], 1.0 if q[3] >= FLIP else -1.0)
-        record["elbow_d"] = (motion.q[2], 1.0 if motion.q[3] >= FLIP else -1.0)
-        record["joint_contact"], record["joint_collision"] = control.contact, control.collision
-        record["cartesian_contact"] = control.cartesian_contact
-        record["cartesian_collision"] = control.cartesian_collision
-        record["motion_generator_mode"] = control.generator
-        record["controller_mode"] = control.controller
-        record["errors"], record["reflex_reason"] = control.errors, control.reflex_reason
-        record["robot_mode"] = control.mode
-        record["control_command_success_rate"] = control.reception.rate if control.mode is RobotMode.MOVE else 0.0
+        motion, wrench, pose = control.motion, control.wrench, control.pose
+        self._id[0] = message_id
+        q, dq, q_d = sensors.position, sensors.velocity, motion.q
+        moved = (sensors.effort, control.torque, sensors.effort_rate, q, q_d, dq, motion.dq, motion.ddq)
+        np.concatenate(moved, out=self._moved, casting="same_kind")
+        np.concatenate((q, dq), out=self._motors, casting="same_kind")
+        turn = pose[:3, :3] if self._at_ee else pose[:3, :3] @ control.settings.EE_T_K[:3, :3]
+        felt = (control.touching.ravel(), control.external, wrench, (wrench.reshape(2, 3) @ turn).ravel())
+        np.concatenate(felt, out=self._felt, casting="same_kind")
+        self._poses[:16] = pose.T.ravel()
+        self._poses[16:] = self._commanded[:] = control.desired_pose.T.ravel()
+        self._elbows[:] = q[2], 1.0 if q[3] >= FLIP else -1.0, q_d[2], 1.0 if q_d[3] >= FLIP else -1.0
+        modes = self._modes
+        modes[0], modes[1], modes[-1] = control.generator, control.controller, control.mode
+        modes[2 : 2 + len(ERRORS)], modes[2 + len(ERRORS) : -1] = control.errors, control.reflex_reason
+        self._rate[0] = control.reception.rate if control.mode is RobotMode.MOVE else 0.0
 
     def _settings(self) -> None:
         control, record = self._controller, self.record
         settings, self._revision = control.settings, control.revision
+        self._at_ee = np.array_equal(settings.EE_T_K, np.eye(4))
         for name in ("F_T_NE", "NE_T_EE", "F_T_EE", "EE_T_K"):
             record[name] = getattr(settings, name).T.ravel()
         record["m_ee"], record["F_x_Cee"] = control.tool.mass, control.tool.com

@@ -63,21 +63,21 @@ class ForceTorqueFake(Sensor, SampledFake):
 
     def overload(self, number: int) -> tuple[bool, ...]:
         """For each of the six axes, whether a sample exceeds the range."""
-        return tuple((np.abs(self.samples[number] + self._offset) > self.range).tolist())
+        loads = self.samples[number] + self._offset
+        return tuple((np.abs(loads, out=loads) > self.range).tolist())
 
     def measured(self, number: int) -> Array | None:
         """The measured wrench (6,), N and N m, clipped to the range if saturated; None if the sample is lost."""
-        if super()._is_lost(number):
-            return None
+        return None if super()._is_lost(number) else self.arriving(number)
+
+    def arriving(self, number: int) -> Array:
         values = self.samples[number].copy()
         if self._sensor_options.noise:
             values += self._noise.noise(number) * self.noise_scale
-        clipped = np.clip(values + self._offset, -self.range, self.range)
-        return self.quantise(clipped - self._bias)
-
-    def sample(self, number: int) -> Array | None:
-        """See `SampledFake.sample`; None also for a saturated sample."""
-        return None if self._is_lost(number) else self.measured(number)
+        values += self._offset
+        np.minimum(np.maximum(values, -self.range, out=values), self.range, out=values)
+        values -= self._bias
+        return self.quantise(values)
 
     def bias(self) -> None:
         """Takes the present reading as zero."""

@@ -106,10 +106,9 @@ class SampledFake(Fake):
                 arrived = number
         self._last = newest
         # The newest sample that arrived is used; after a pause it may no longer be kept.
-        values = self.sample(arrived) if arrived >= 0 and self.samples.keeps(arrived) else None
-        if values is None:
+        if arrived < 0 or not self.samples.keeps(arrived):
             return
-        self.fill(values, arrived)
+        self.fill(self.arriving(arrived), arrived)
         self.health.stamp = now - (self.world.time - self.taken_at(arrived))
 
     def close(self) -> None:
@@ -135,8 +134,10 @@ class SampledFake(Fake):
 
     def sample(self, number: int) -> Array | None:
         """The measured values (size,) of a sample at most a second old; None if it is lost."""
-        if self._is_lost(number):
-            return None
+        return None if self._is_lost(number) else self.arriving(number)
+
+    def arriving(self, number: int) -> Array:
+        """The measured values (size,) of a sample that isn't lost."""
         measured = self.samples[number].copy()
         if self._sensor_options.noise:
             measured += self._noise.noise(number) * self.noise_scale

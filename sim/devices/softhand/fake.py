@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -53,7 +54,7 @@ class FakeSoftHand(SampledFake):
         if not self.active:
             self.activate(True)
         closure = float(self.command_arrays[COMMAND][0])
-        if np.isfinite(closure):
+        if isfinite(closure):
             self.sent_arrays[COMMAND][0] = min(max(closure, 0.0), 1.0)
             self.refer(round(self.open_ticks + min(max(closure, 0.0), 1.0) * self._span))
 

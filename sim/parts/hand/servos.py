@@ -32,9 +32,12 @@ class Servos:
 
     def set(self, targets: Mapping[str, float | None], at: int = 0) -> None:
         """Sets the targets (rad; None: limp) that the servos' pulses encode from `at` (ns) on."""
+        of: dict[RoboticFingerPart, dict[str, float | None]] = {}
         for name, target in targets.items():
             finger, joint = self._where[name]
-            finger.set_servos({joint: target}, at)
+            of.setdefault(finger, {})[joint] = target
+        for finger, theirs in of.items():
+            finger.set_servos(theirs, at)
 
     def place(self, angles: Mapping[str, float]) -> None:
         """Places servos at angles (rad) before the first step: where the user has put the fingers."""

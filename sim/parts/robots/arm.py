@@ -148,6 +148,10 @@ class ArmPart(Part):
         self._drag = model.dof_damping[dofs]
         self._bias, self._drive_effort = model.actuator_biasprm[drives], data.qfrc_actuator[dofs]
         self._held, self._range = data.qfrc_gravcomp[dofs], model.actuator_forcerange[drives]
+        # Views that are cheaper to keep than to ask for in every step.
+        self._applied, self._pushes, self._middles = data.qfrc_applied, data.xfrc_applied, data.xipos
+        self._all_pushes, self._places = self._pushes.reshape(-1), data.xpos
+        self._subtrees, self._subtree_masses = data.subtree_com, model.body_subtreemass
         self._base = int(model.body(f"{self.name}/base").id)
         chain = ("base", *self.labels, "flange")
         self._chain = np.array([int(model.body(f"{self.name}/{name}").id) for name in chain])
@@ -233,6 +237,11 @@ class ArmPart(Part):
         """(n,) rad/s."""
         return cast(Array, self._dq.copy())
 
+    def measured(self, out: Array) -> None:
+        """Fills `out` (4, n) with `position`, `velocity`, `effort` and `external_effort`."""
+        out[0], out[1] = self._q, self._dq
+        out[2:] = self._measure()[: 2 * self.n].reshape(2, self.n)
+
     @property
     def effort(self) -> Array:
         """(n,) N m, torque of the drives and brakes, gravity compensation included."""
@@ -303,8 +312,8 @@ class ArmPart(Part):
         truth[f"{name}_velocity"][:] = self._dq
         truth[f"{name}_effort"][:] = measured[:n]
         truth[f"{name}_external_effort"][:] = measured[n : 2 * n]
-        truth[f"{name}_flange"][:] = self._data.xpos[self._flange]
-        truth[f"{name}_links"][:] = self._data.xpos[self._chain]
+        truth[f"{name}_flange"][:] = self._places[self._flange]
+        self._places.take(self._chain, 0, truth[f"{name}_links"], "clip")
 
     def save(self) -> Array:
         told = (self.told.mass, *self.told.com)
@@ -360,19 +369,19 @@ class ArmPart(Part):
         return self._measured
 
     def _external(self) -> Array:
-        model, data = self._model, self._data
-        total = data.qfrc_applied.copy()
+        model, data, flange = self._model, self._data, self._flange
+        total = self._applied.copy()
         if data.nefc and (data.ncon or data.ne):
             forces = data.efc_force * _EXTERNAL[data.efc_type]
             through = np.zeros(model.nv)
             mujoco.mj_mulJacTVec(model, data, through, forces)
             total += through
-        for body in np.flatnonzero(data.xfrc_applied.any(axis=1)).tolist():
-            wrench = data.xfrc_applied[body]
-            mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], data.xipos[body], body, total)
-        mounted = float(model.body_subtreemass[self._flange])
+        for body in dict.fromkeys(i // 6 for i in self._all_pushes.nonzero()[0].tolist()):
+            wrench = self._pushes[body]
+            mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], self._middles[body], body, total)
+        mounted = self._subtree_masses.item(flange)
         if mounted > 3 * SPECK or self.told.mass:
             weight, told = mounted * self._gravity, -self.told.mass * self._gravity
-            mujoco.mj_applyFT(model, data, weight, _NONE, data.subtree_com[self._flange], self._flange, total)
-            mujoco.mj_applyFT(model, data, told, _NONE, data.xipos[self._speck], self._flange, total)
+            mujoco.mj_applyFT(model, data, weight, _NONE, self._subtrees[flange], flange, total)
+            mujoco.mj_applyFT(model, data, told, _NONE, self._middles[self._speck], flange, total)
         return cast(Array, total[self._dofs])

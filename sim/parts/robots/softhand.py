@@ -196,6 +196,7 @@ class SoftHandPart(Part):
                 hinges[i, int(model.joint(f"{self.name}/{part}").qposadr[0])] = 1.0
         self._first, self._last = (int(v) for v in np.flatnonzero(hinges.any(axis=0))[[0, -1]])
         self._hinges = hinges[:, self._first : self._last + 1]
+        self._turned = data.qpos[self._first : self._last + 1]
         geoms = [model.geom(i).name for i in range(model.ngeom)]
         owner = {f"{self.name}/{finger}": i for i, finger in enumerate(FINGERS)}
         self._finger = np.array([owner.get(geom.split("_")[0] if "/" in geom else "", -1) for geom in geoms])
@@ -248,12 +249,15 @@ class SoftHandPart(Part):
 
     def joints(self) -> Array:
         """(19,) rad, in the order of `labels`; a rolling pair counts as one joint of up to 90 degrees."""
-        return cast(Array, self._hinges @ self._data.qpos[self._first : self._last + 1])
+        return cast(Array, self._hinges @ self._turned)
 
     def contact_force(self) -> Array:
         """(5,) N, sum of the normal forces on each finger, thumb first."""
-        total, wrench, data = np.zeros(5), np.empty(6), self._data
-        for number, pair in enumerate(self._finger[data.contact.geom].tolist() if data.ncon else ()):
+        total, data = np.zeros(5), self._data
+        if not data.ncon:
+            return total
+        wrench = np.empty(6)
+        for number, pair in enumerate(self._finger[data.contact.geom].tolist()):
             for finger in pair:
                 if finger >= 0:
                     mujoco.mj_contactForce(self._model, data, number, wrench)

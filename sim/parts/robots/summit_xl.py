@@ -144,18 +144,19 @@ class SummitXlPart(Part):
             self._wanted = self._reachable(np.array(self._waiting.popleft()[1:]))
         change = (self._wanted - self._wheels) * min(1.0, dt / config.time_constant)
         most = config.acceleration / robot.wheel_radius * dt
-        self._wheels += np.maximum(np.minimum(change, most), -most)
+        self._wheels += np.maximum(np.minimum(change, most, out=change), -most, out=change)
         rolled = robot.twist(self._wheels)
         self._integrate(rolled, dt)
         moved = (1.0 - config.slip) * rolled
         asked, missing = moved, moved - self.twist()
-        slip = np.abs(robot.wheels(missing)).max() * self._per_slip
+        slip = max(map(abs, robot.wheels(missing).tolist())) * self._per_slip
         if slip <= self._grip:
             self._gain[:], self._bias[:] = self._drag, -self._drag
         else:  # the wheels spin: a force limited by friction, instead of a drag
             asked = self._drag * missing * (self._grip / slip)
             self._gain[:], self._bias[:] = 1.0, 0.0
-        c, s = cos(self._q[2]), sin(self._q[2])
+        yaw = self._q.item(2)
+        c, s = cos(yaw), sin(yaw)
         x, y, turn = asked.tolist()
         self._ctrl[:] = c * x - s * y, s * x + c * y, turn
 
@@ -174,7 +175,8 @@ class SummitXlPart(Part):
     def twist(self) -> Array:
         """(3,) vx, vy (m/s), wz (rad/s) in its own frame: the true twist."""
         x, y, wz = self._dq.tolist()
-        c, s = cos(self._q[2]), sin(self._q[2])
+        yaw = self._q.item(2)
+        c, s = cos(yaw), sin(yaw)
         return np.array([c * x + s * y, c * y - s * x, wz])
 
     def wheels(self) -> Array:
@@ -217,6 +219,6 @@ class SummitXlPart(Part):
 
     def _integrate(self, twist: Array, dt: float) -> None:
         vx, vy, wz = twist.tolist()
-        yaw = self._odometry[2] + wz * dt / 2
+        yaw = self._odometry.item(2) + wz * dt / 2
         c, s = cos(yaw), sin(yaw)
         self._odometry += (dt * (c * vx - s * vy), dt * (s * vx + c * vy), dt * wz)
