@@ -1,4 +1,4 @@
-"""The sixth finger's cycle, its simulated speed, and the cost of telemetry to the loop."""
+"""The sixth finger's cycle, and the cost of telemetry to the loop."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ import json
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 from bench import phases
 from bench.pairs import Row, measure
-
-SPAN = 20.0  # simulated s per run
 
 
 def _srl(*arguments: str) -> dict[str, Any]:
@@ -47,49 +44,6 @@ def cycle() -> list[Row]:
     return rows + phases.run("cycle-sixth-finger", "sixth-finger")
 
 
-def speed() -> list[Row]:
-    """Compares simulated seconds per second, whole runtime with --fast, with a bare mj_step loop of the same world."""
-    pairs = measure(
-        lambda: {"speed": _srl("--fast", "--duration", str(SPAN))["realtime_factor"]},
-        {"bare mj_step loop": _bare},
-    )
-    return [
-        pairs.row(
-            "sim-sixth-finger",
-            "simulated speed with --fast",
-            "speed",
-            "bare mj_step loop",
-            "s/s",
-            "at least 0.7",
-            lambda r: r >= 0.7,
-        )
-    ]
-
-
-def _bare() -> dict[str, float]:
-    command = [sys.executable, "-m", "bench.sixth_finger", "bare"]
-    found: dict[str, float] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    return found
-
-
-def _bare_loop() -> dict[str, float]:
-    """Steps the same model under the same wearer's motion; only the stepping is timed."""
-    import mujoco
-
-    from runtime.profile import profile, wiring
-
-    checked, source = profile.load("sixth-finger")
-    graph = wiring.build(checked, source, [])
-    world: Any = graph.world
-    world.advance(10_000_000)
-    model, data = world._model, world._data  # the bare physics inside the world
-    steps = round(SPAN / model.opt.timestep)
-    begun = time.perf_counter()
-    for _ in range(steps):
-        mujoco.mj_step(model, data)
-    return {"speed": SPAN / (time.perf_counter() - begun)}
-
-
 def telemetry() -> list[Row]:
     """Measures the cost of a full-rate telemetry row to the loop at 1 kHz, with recorder and bus attached."""
 
@@ -106,7 +60,3 @@ def telemetry() -> list[Row]:
         )
         for figure in ("p50", "p99")
     ]  # fmt: skip
-
-
-if __name__ == "__main__":
-    print(json.dumps(_bare_loop()))

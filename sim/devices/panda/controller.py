@@ -107,6 +107,7 @@ class PandaController:
         self._stopped = stopped
         self._started: int | None = None  # tick at which a motion started, until its first packet
         self._recovered_at: int | None = None
+        self._desired_at = b""  # bytes of the desired position to which `desired_pose` belongs
         self._carried()
         self._know()
         self._sense()
