@@ -17,6 +17,8 @@ FADE = 0.25  # of the velocity limit: range below it in which effort that would 
 HOLD_TIME = 0.2  # s: damping divided by stiffness of the hold
 LAG = 4  # periods of delay from a velocity to its torque that a damped joint surely tolerates, at half its margin
 STILL = 0.02  # of the velocity limit: a slower joint is at rest
+LINGER = 0.1  # s of damping in which a joint's own motion becomes slower by SLOWS, or something else moves it
+SLOWS = 0.05  # share of the speed
 
 
 class Barrier(NamedTuple):
@@ -63,8 +65,11 @@ class TorqueGuard(CommandGuard):
     way: tau - g <= E (V - qd)/(FADE V).
 
     Stops: `damp` applies -d qd. `limp` applies only g. `hold` damps, then adds a spring to the position where
-    each joint came to rest, with stiffness d/HOLD_TIME. `brake` and `retract` act as `hold`. All stops stay
+    each joint's own motion was over, with stiffness d/HOLD_TIME. `brake` and `retract` act as `hold`. All stops stay
     within effort and rate.
+
+    A joint's own motion is over when it is still, or when damping hasn't made it slower for LINGER: then a hand or a
+    load moves it on. So `damp` is complete while a hand leads the limb, and `hold` doesn't creep under a steady force.
     """
 
     needs = ("velocity", "effort", "effort_rate", "inertia")
@@ -80,6 +85,8 @@ class TorqueGuard(CommandGuard):
             )
         self._g = [0.0] * self.size  # the newest finite value
         self._held: list[float | None] = [None] * self.size
+        self._slowest = [inf] * self.size  # rad/s, of this stop
+        self._lingers = [0.0] * self.size  # s of damping since then
         self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured values, read by `_sensed`
         self._barriers = [self._barrier(i) for i in range(self.size)]
 
@@ -101,7 +108,7 @@ class TorqueGuard(CommandGuard):
             )
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
-        self._held = [None] * self.size
+        self._release()
         self._g = [0.0] * self.size
         self._read_gravity()
         start = [min(max(g, -E), E) for g, E in zip(self._g, self.max_effort, strict=True)]
@@ -112,7 +119,7 @@ class TorqueGuard(CommandGuard):
             self.applied.flat[i] = sent[i]
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
-        self._held = [None] * self.size
+        self._release()
         self._read_gravity()
         self._apply(desired, dt)
 
@@ -121,17 +128,17 @@ class TorqueGuard(CommandGuard):
         blind = not self._sensed()
         q, qd = self._q, self._qd
         if blind:
-            self._held = [None] * self.size  # the rest position may be far away when measurements return
+            self._release()  # the rest position may be far away when measurements return
         out = []
         for i, (g, barrier) in enumerate(zip(self._g, self._barriers, strict=True)):
             if blind or category is Stop.LIMP:
                 out.append(g)
                 continue
-            d, V = barrier.d, barrier.V
+            d = barrier.d
             tau = -d * qd[i]
             if category is not Stop.DAMP:
                 held = self._held[i]
-                if held is None and abs(qd[i]) <= STILL * V:
+                if held is None and self._over(i):
                     held = self._held[i] = q[i]
                 if held is not None:
                     tau += d / HOLD_TIME * (held - q[i])
@@ -141,7 +148,27 @@ class TorqueGuard(CommandGuard):
             applied = self.applied.ravel().tolist()
             self.at_rest = all(abs(x - t) <= self.tolerance for x, t in zip(applied, out, strict=True))
         else:
-            self.at_rest = all(abs(w) <= STILL * V for w, V in zip(qd, self.max_velocity, strict=True))
+            self._watch(out, dt)
+            self.at_rest = all(map(self._over, range(self.size)))
+
+    def _release(self) -> None:
+        """Forgets what a stop holds, and how it went."""
+        if self._slowest[0] < inf:
+            self._held, self._slowest = [None] * self.size, [inf] * self.size
+            self._lingers = [0.0] * self.size
+
+    def _over(self, i: int) -> bool:
+        """Whether a joint's own motion is over; see the class's docstring."""
+        return abs(self._qd[i]) <= STILL * self._barriers[i].V or self._lingers[i] > LINGER
+
+    def _watch(self, wanted: list[float], dt: float) -> None:
+        """Counts how long each joint was no slower than it has been, under the torque that is wanted."""
+        applied = self.applied.ravel().tolist()
+        for i, (tau, asked, w) in enumerate(zip(applied, wanted, self._qd, strict=True)):
+            if abs(w) < (1 - SLOWS) * self._slowest[i]:
+                self._slowest[i], self._lingers[i] = abs(w), 0.0
+            elif abs(tau - asked) <= self.tolerance:  # else the rate still keeps the damping back, or the barrier acts
+                self._lingers[i] += dt
 
     def _apply(self, wanted: list[float], dt: float, sighted: bool = True) -> None:
         out = []

@@ -96,6 +96,46 @@ def test_a_moving_joint_is_brought_to_rest_and_carries_its_load(category):
     assert joint.tau[0] == pytest.approx(3.0, abs=0.3)
 
 
+@given(st.floats(0.1, V), st.floats(1.0, 10.0), st.sampled_from([Stop.DAMP, Stop.HOLD]))
+@settings(max_examples=15)
+def test_a_stop_isn_t_over_while_a_joint_moves_by_itself(speed, heavier, category):
+    joint = Joint()
+    joint.inertia *= heavier  # more moves with it than the least
+    joint.qd[0] = speed
+    while not joint.guard.at_rest:
+        moved = abs(joint.qd[0])
+        joint.stop(category)
+    assert moved <= 0.021 * V
+
+
+@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD])
+def test_a_stop_is_over_though_a_hand_moves_the_joint_on(category):
+    joint = Joint()
+    joint.qd[0] = 1.0
+    cycles = 0
+    while not joint.guard.at_rest:
+        joint.stop(category)
+        joint.qd += 2.0 / joint.inertia * DT  # 2 N m against 5 N m s/rad
+        cycles += 1
+        assert cycles < 800
+    assert abs(joint.qd[0]) > 0.02 * V
+    if category is Stop.DAMP:
+        assert joint.tau[0] == pytest.approx(-5.0 * joint.qd[0], rel=0.1)  # it gives way as before
+
+
+def test_hold_doesnt_creep_under_a_steady_force():
+    joint = Joint()
+    for _ in range(2000):
+        joint.stop(Stop.HOLD)
+        joint.qd += 2.0 / joint.inertia * DT
+    there = joint.q[0]
+    for _ in range(2000):
+        joint.stop(Stop.HOLD)
+        joint.qd += 2.0 / joint.inertia * DT
+    assert joint.q[0] == pytest.approx(there, abs=1e-3)
+    assert there < 0.2  # rad; at 0.4 rad/s it would be 1.6 by now
+
+
 def test_hold_springs_back_to_where_it_came_to_rest():
     joint = Joint()
     for _ in range(200):
