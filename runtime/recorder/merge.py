@@ -1,4 +1,7 @@
-"""Merges segments into the recording as it grows: each is packed, read back and compared before it is removed."""
+"""Merges segments into the recording as it grows: each is packed, read back and compared before it is removed.
+
+At the end of a run nothing is packed any more: the last segments' messages become part of the file as they are.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,15 @@ from runtime.recording.framing import HEADER, strip, whole
 from runtime.recording.segments import GROWING, append, folder_of, numbered
 from runtime.recording.source import Source, last_row
 
+_TOGETHER = 4  # segments that become one piece, if so many wait: the more at once, the less time each takes
+_AT_THE_END = 16
+
 
 @dataclass
 class _Piece:
-    """What a segment becomes: bytes for the growing file, the row with which it ends, and the events in it."""
+    """What segments become: bytes for the growing file, the row with which they end, and the events in them."""
 
-    segment: Path
+    segments: Sequence[Path]
     data: bytes = b""
     last: int = 0
     events: set[int] = field(default_factory=set)
@@ -32,9 +38,19 @@ class _Piece:
 class Merger:
     """The growing file of one recording, `GROWING` in the folder of its segments."""
 
-    def __init__(self, target: Path, text: str, report: Callable[[str], None] = lambda text: None) -> None:
-        """`text` is the layout's JSON; `report` is told what can't be drawn. Files are opened by the first merge."""
-        self._target, self._text, self._report = target, text, report
+    def __init__(
+        self, target: Path, text: str, prologue: bytes = b"", report: Callable[[str], None] = lambda text: None
+    ) -> None:
+        """Opens nothing: the first merge does.
+
+        Args:
+            target: where the recording is to be.
+            text: the layout's JSON.
+            prologue: with which the segments begin that needn't be packed at the end; empty: all are packed.
+            report: is told what can't be drawn.
+        """
+        self._target, self._text, self._prologue, self._report = target, text, prologue, report
+        self._ending = False
         self.path = folder_of(target) / GROWING
         self._kept = f"The segments are kept and can be read as they are: {self.path.parent}"
         self._file: int | None = None
@@ -51,19 +67,23 @@ class Merger:
             RecordingError: one can't be read whole, or the recording can't be written. It and those after it stay.
         """
         try:
-            for segment in segments:
-                if self._file is None:
-                    self._open()
-                if self._piece is None or self._piece.segment != segment:
-                    self._piece = self._packed(segment)
-                self._write(self._piece)
-                self._piece.data = b""  # it isn't written again if the segment can't be removed
-                segment.unlink()
-                self._last = max(self._last, self._piece.last)
-                self._sent |= self._piece.events
-                self._piece = None
+            if self._file is None and segments:
+                self._open()
+            if self._piece is not None:
+                self._add(self._piece)
+            waiting = [segment for segment in segments if segment.exists()]
+            most = _AT_THE_END if self._ending else _TOGETHER
+            for at in range(0, len(waiting), most):
+                self._piece = self._made(waiting[at : at + most])
+                if self._piece is None:
+                    return
+                self._add(self._piece)
         except OSError as error:
             raise RecordingError(str(self.path), f"it can't be written: {error.strerror}", self._kept) from None
+
+    def hurry(self) -> None:
+        """The run has ended: a merge that is under way in another thread stops before its next step."""
+        self._ending = True
 
     def finish(self) -> None:
         """Merges what is left, and puts the recording in its place.
@@ -71,6 +91,7 @@ class Merger:
         Raises:
             RecordingError: as `merge`; no row was recorded; the place is taken.
         """
+        self._ending = True
         self.merge(numbered(self.path.parent))
         self.close()
         if not self._last and not (self.path.exists() and last_row(self.path)):
@@ -107,19 +128,19 @@ class Merger:
             raise
         self._file = file
 
-    def _packed(self, segment: Path) -> _Piece:
-        """Packs a segment's rows and events, and reads them back."""
-        source = Source([segment])
+    def _made(self, segments: Sequence[Path]) -> _Piece | None:
+        """Makes a piece of segments, and reads it back. None: it needn't be packed any more."""
+        hurried, source, place = self._ending, Source(segments), str(segments[0])
         blocks = list(source.blocks())
         if source.text and source.text != self._text:
-            raise RecordingError(str(segment), "it belongs to another run", self._kept)
+            raise RecordingError(place, "it belongs to another run", self._kept)
         if source.damaged:
-            raise RecordingError(str(segment), f"{source.damaged} blocks of its rows are damaged", self._kept)
+            raise RecordingError(place, f"{source.damaged} blocks of its rows are damaged", self._kept)
         events = {n: event for n, event in sorted(source.events.items()) if n not in self._sent}
         sequence = np.concatenate([np.empty(0, np.int64), *(s for s, _ in blocks)])
         new = sequence > self._last
         if not new.any() and not events:
-            return _Piece(segment)
+            return _Piece(segments)
         if self._stream is None:
             self._stream = Stream(self._text)
             self._binary = self._stream.recording.binary_stream()
@@ -129,14 +150,28 @@ class Merger:
             self._head = self._binary.read()
             self._head = self._head[:HEADER] + strip(self._head)
         rows = np.concatenate([np.empty((0, self._stream.layout.width), np.int64), *(r for _, r in blocks)])[new]
-        self._stream.rows(sequence[new], rows)
-        self._stream.events(list(events), list(events.values()))
-        data = strip(self._binary.read())
-        self._compare(segment, data, sequence[new], rows, events)
-        last = int(sequence[-1]) if len(sequence) else 0
-        return _Piece(segment, data, last, set(events))
+        data = b""
+        if hurried and not source.cut and new.all() and len(events) == len(source.events):
+            data = self._plain(segments)
+        if not data:
+            self._stream.pack(sequence[new], rows)
+            self._stream.events(list(events), list(events.values()))
+            data = strip(self._binary.read())
+            self._compare(place, data, sequence[new], rows, events)
+        if self._ending and not hurried:
+            return None
+        self._stream.draw(sequence[new], rows)
+        data += strip(self._binary.read())
+        return _Piece(segments, data, int(sequence[-1]) if len(sequence) else 0, set(events))
 
-    def _compare(self, segment: Path, data: bytes, sequence: Words, rows: Words, events: Mapping[int, Event]) -> None:
+    def _plain(self, segments: Sequence[Path]) -> bytes:
+        """The messages of segments as they are; nothing if another process began one of them."""
+        found = [segment.read_bytes() for segment in segments]
+        if not self._prologue or not all(data.startswith(self._prologue) for data in found):
+            return b""
+        return b"".join(data[len(self._prologue) :] for data in found)
+
+    def _compare(self, place: str, data: bytes, sequence: Words, rows: Words, events: Mapping[int, Event]) -> None:
         """Reads a piece back as a reader will, and compares rows (k, width) with their numbers (k,), and events."""
         scratch = os.memfd_create("srl-piece", os.MFD_CLOEXEC)
         try:
@@ -149,9 +184,19 @@ class Merger:
                 count += len(s)
             if count != len(rows) or copy.events != events or copy.text != self._text or copy.cut or not same:
                 problem = f"packed it isn't complete ({count} of {len(rows)} rows)"
-                raise RecordingError(str(segment), problem, self._kept)
+                raise RecordingError(place, problem, self._kept)
         finally:
             os.close(scratch)
+
+    def _add(self, piece: _Piece) -> None:
+        """Appends a piece, and removes what it was made of."""
+        self._write(piece)
+        piece.data = b""  # it isn't written again if a segment can't be removed
+        for segment in piece.segments:
+            segment.unlink(missing_ok=True)
+        self._last = max(self._last, piece.last)
+        self._sent |= piece.events
+        self._piece = None
 
     def _write(self, piece: _Piece) -> None:
         """Appends a piece, and compares what the file now holds."""

@@ -57,10 +57,12 @@ class Recorder:
         self._binary = self._stream.recording.binary_stream()
         self._stream.head()
         head = self._binary.read()
-        self._segments = Segments(self._folder, head[:HEADER] + strip(head))
-        self._merger = Merger(target, self._tail.text, say)
+        prologue = head[:HEADER] + strip(head)
+        self._segments = Segments(self._folder, prologue)
+        self._merger = Merger(target, self._tail.text, prologue, say)
         self._worker = ThreadPoolExecutor(1, "merge")
         self._merging: Future[None] | None = None
+        self._closed: list[Path] = []  # the segments of the last merge
         self._stuck = self._unmerged = False
         self._lost = 0
         meta = self._stream.layout.meta
@@ -74,6 +76,7 @@ class Recorder:
         try:
             stored = self._record()
         finally:
+            self._merger.hurry()
             self._segments.close()
             self._worker.shutdown()
         if not stored:
@@ -118,7 +121,11 @@ class Recorder:
                 say(f"{self._folder}: merging again")
             self._unmerged = error is not None
         closed = self._segments.closed
-        self._merging = self._worker.submit(self._grow, closed) if closed else None
+        if not closed:
+            self._merging = None
+        elif not (self._unmerged and closed == self._closed):
+            self._closed = closed
+            self._merging = self._worker.submit(self._grow, closed)
 
     def _grow(self, closed: list[Path]) -> None:
         """Merges segments, and now and then deletes what the folder needn't keep."""
@@ -139,6 +146,7 @@ class Recorder:
             if self._ring.lost > self._lost:
                 say(f"{self._ring.lost - self._lost} rows were overwritten before they could be written")
                 self._lost = self._ring.lost
+            self._merge()
             if not batch:
                 continue
             self._stream.pack(batch.sequence, batch.rows, quick=True)
@@ -152,7 +160,7 @@ class Recorder:
         over_since = None
         while True:
             try:
-                begun = self._segments.write(data, weight)
+                self._segments.write(data, weight)
             except OSError as error:
                 if not self._stuck:
                     say(f"{self._folder}: can't write ({error.strerror}); will try again")
@@ -161,8 +169,6 @@ class Recorder:
                 if self._stuck:
                     say(f"{self._folder}: recording again")
                 self._stuck = False
-                if begun:
-                    self._merge()
                 return True
             if self._tail.over:
                 over_since = over_since or time.monotonic()

@@ -80,6 +80,11 @@ class Stream:
         """Sends rows (k, width) with their sequence numbers (k,) as a file holds them: packed, and drawn."""
         if len(rows):
             self.pack(sequence, rows)
+            self.draw(sequence, rows)
+
+    def draw(self, sequence: Words, rows: Words) -> None:
+        """Sends what a file shows of rows (k, width), which must follow those of the last call."""
+        if len(rows):
             self._columns.draw(self.recording, rows)
             self._scene.send(self.recording, self.thin(sequence, rows))
 

@@ -88,8 +88,8 @@ class Segments:
         self._size = self._weight = 0
         self._begun, self._seconds = 0.0, FIRST
 
-    def write(self, data: bytes, weight: int = 0) -> bool:
-        """Appends whole messages. When it returns, they have left this process. Whether a segment began with them.
+    def write(self, data: bytes, weight: int = 0) -> None:
+        """Appends whole messages. When it returns, they have left this process.
 
         Args:
             data: the messages.
@@ -100,12 +100,10 @@ class Segments:
         if self._file is not None and (self._weight >= BYTES or time.monotonic() - self._begun >= self._seconds):
             self._seconds = SECONDS
             self.close()
-        begins = self._file is None
-        if begins:
+        if self._file is None:
             self._begin()
         self._append(data)
         self._weight += weight
-        return begins
 
     @property
     def closed(self) -> list[Path]:

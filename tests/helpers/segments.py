@@ -19,14 +19,15 @@ def expected(layout: Layout, count: int) -> np.ndarray:
     return np.concatenate([make_rows(layout, min(100, count + 1 - at), at) for at in range(1, count + 1, 100)])
 
 
-def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250, events: Sequence[Event] = ()) -> None:
-    """Segments as the recorder writes them, without its process."""
+def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250, events: Sequence[Event] = ()) -> bytes:
+    """Segments as the recorder writes them, without its process. Returns with what each begins."""
     layout.save(folder.parent / "layout.json")
     stream = Stream((folder.parent / "layout.json").read_text())
     binary = stream.recording.binary_stream()
     stream.head()
     head = binary.read()
-    segments = Segments(folder, head[:HEADER] + strip(head))
+    prologue = head[:HEADER] + strip(head)
+    segments = Segments(folder, prologue)
     rows = expected(layout, count)
     for at in range(0, count, batch):
         part = rows[at : at + batch]
@@ -35,3 +36,4 @@ def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250, ev
             stream.events(range(1, len(events) + 1), events)
         segments.write(strip(binary.read()))
     segments.close()
+    return prologue

@@ -168,8 +168,8 @@ def test_a_merge_that_is_not_complete_keeps_the_segments(tmp_path: Path, monkeyp
     def loses_a_row(self: Stream, sequence: np.ndarray, rows: np.ndarray) -> None:
         send(self, sequence[1:], rows[1:])
 
-    send = Stream.rows
-    monkeypatch.setattr(Stream, "rows", loses_a_row)
+    send = Stream.pack
+    monkeypatch.setattr(Stream, "pack", loses_a_row)
     with pytest.raises(RecordingError, match=r"499 of 500 rows.*kept"):
         merger(out).finish()
     assert not out.exists()
@@ -178,6 +178,32 @@ def test_a_merge_that_is_not_complete_keeps_the_segments(tmp_path: Path, monkeyp
     merger(out).finish()
     assert np.array_equal(read(out).rows, expected(make_layout(), 500))
     assert not folder.exists()
+
+
+def test_at_the_end_nothing_is_packed_and_a_merge_under_way_gives_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, layout = tmp_path / "out.rrd", make_layout(extra=3)
+    said = [Event(5, Level.INFO, 1, "ready")]
+    prologue = make_segments(folder_of(out), layout, 300, events=said)
+    (segment,) = numbered(folder_of(out))
+    merging = Merger(out, (tmp_path / "layout.json").read_text(), prologue)
+    pack = Stream.pack
+
+    def until_the_run_ends(self: Stream, *rows: np.ndarray) -> None:
+        pack(self, *rows)
+        merging.hurry()
+
+    monkeypatch.setattr(Stream, "pack", until_the_run_ends)
+    merging.merge([segment])
+    assert segment.exists()
+    monkeypatch.setattr(Stream, "pack", pytest.fail)
+    merging.finish()
+    found = read(out)
+    assert np.array_equal(found.rows, expected(layout, 300))
+    assert (found.events, found.missing, found.salvaged) == (said, [], 0)
+    shown = [chunk.entity_path for chunk in rr.chunk.RrdReader(out).stream()]
+    assert shown.count("/glove/position") == 2, "its names, and its numbers once"
 
 
 @pytest.mark.parametrize("call", ["write", "fsync", "pread", "unlink", "rename"])
@@ -190,7 +216,7 @@ def test_whatever_fails_in_a_merge_loses_nothing_and_is_made_good_by_the_next(
     real = {"unlink": Path.unlink, "rename": Path.rename}.get(call) or getattr(os, call)
     places = {"unlink": (Path, "unlink"), "rename": (Path, "rename")}
 
-    def fails(*given: object) -> object:
+    def fails(*given: object, **_: object) -> object:
         if call == "write" and len(given[1]) > 100_000:  # a half of it reaches the disk
             real(given[0], given[1][: len(given[1]) // 2])
             return fails(given[0], b"")
