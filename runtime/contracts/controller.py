@@ -117,6 +117,10 @@ class Controller(ABC):
         """What is probably wrong with its options in cycles of `dt` seconds: (option, text) each."""
         return ()
 
+    def narrow(self, dt: float) -> None:
+        """Narrows the bounds of its `parameters` to what keeps it stable in cycles of `dt` seconds. Called once,
+        before `bind`; a client's value beyond the bounds is refused."""
+
     def figures(self) -> dict[str, object]:
         """Returns the controller's own figures for the run's summary."""
         return {}

@@ -202,6 +202,7 @@ def _setpoints(b: Builder) -> list[str]:
 def _parameters(b: Builder, laws: list[Law]) -> list[tuple[str, Parameter]]:
     parameters = []
     for controller in (law.controller for law in laws):
+        controller.narrow(1.0 / float(b.profile.rate))
         for p in controller.parameters:
             name = f"{controller.name}.{p.name}"
             b.add(name, Signal(name=p.name, shape=(), unit=p.unit), "parameter", "the parameters", "controllers")

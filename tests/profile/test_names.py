@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.names import build, command, foreign, joints, named, read, write
+from helpers.worn_arm import impedance, worn
 
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Kind, Signal
@@ -17,6 +18,7 @@ from runtime.contracts.terms import PLANAR, PLANAR_TWIST
 from runtime.profile import profile, shelf, wiring
 from runtime.profile.connections import connections, untaken
 from runtime.profile.names import link
+from runtime.testing.lab import Lab
 
 SERVOS = ("abduction", "flexion_1", "flexion_2", "flexion_3")
 BUTTONS = ("A", "M", "G", "P")
@@ -336,3 +338,40 @@ def test_a_rate_of_some_of_the_joints_follows_the_map_of_all(monkeypatch: pytest
     graph = foreign(monkeypatch, devices, {"law": law}, wires)
     write(graph, 0, q={"k": 1, "l": 2, "m": 3}, v={"k": 1, "l": 2})
     assert named(graph.row, "left.goal") == named(graph.row, "left.goal.velocity") == {"k": 2, "l": 1}
+
+
+@pytest.mark.slow
+def test_a_worn_arm_moves_the_same_joints_whatever_the_order_of_its_motors() -> None:
+    """The URDF's order, the motors', the guard's and the law's are four; the bits are one."""
+    orders = [("yaw", "shoulder", "elbow", "wrist")] * 3
+    assert _worn(orders) == _worn(
+        [
+            ("wrist", "elbow", "yaw", "shoulder"),
+            ("elbow", "yaw", "wrist", "shoulder"),
+            ("shoulder", "wrist", "yaw", "elbow"),
+        ]
+    )
+
+
+def _worn(orders: list[tuple[str, ...]]) -> dict[str, dict[str, float]]:
+    """Where the joints are after half a second and what they are sent, by name."""
+    plain = worn()
+    law, guard = impedance(plain), plain["guard"]["arm.effort_command"]
+    for entry, key, order in (
+        (plain["devices"]["arm"], "motors", orders[0]),
+        (plain["sim"]["parts"]["arm"], "axes", orders[1]),
+        (law, "stiffness", orders[2]),
+        (law, "rotor_inertia", orders[1]),
+        *((guard, key, orders[2]) for key in ("lower", "upper", "velocity", "effort", "inertia")),
+    ):
+        entry[key] = {name: entry[key][name] for name in order}
+    with Lab(plain, ["seed=3"]) as lab:
+        lab.until("ready")
+        lab.start()
+        lab.until("active")
+        lab.run(0.5)
+        assert lab.layout.fields["arm.position"].labels == orders[0]
+        return {
+            name: dict(zip(lab.layout.fields[name].labels, lab[name].tolist(), strict=True))
+            for name in ("arm.position", "arm.effort_command.sent")
+        }

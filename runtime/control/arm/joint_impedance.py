@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from math import ceil, sqrt
 from typing import Any, Final, Literal, Self
 
@@ -187,8 +188,18 @@ class JointImpedance(Controller):
         if self._joints.known:
             self._weight()
 
+    def narrow(self, dt: float) -> None:
+        touched, (stiffness, damping) = self._touched(), self.parameters
+        up = _largest(lambda s: self._damps(dt, touched, _part(stiffness.upper, s), _part(damping.upper, s)))
+        stiffest = _part(stiffness.upper, up)
+        down = _largest(lambda s: self._damps(dt, touched, stiffest, _part(damping.lower, s)))
+        self.parameters = (
+            replace(stiffness, upper=stiffest),
+            replace(damping, lower=_part(damping.lower, down), upper=_part(damping.upper, up)),
+        )
+
     def doubts(self, dt: float) -> Iterator[tuple[str, str]]:
-        touched = list(cases(self._model, self._config.robot.home, self._lower, self._upper, self._rotors))
+        touched = self._touched()
         if self._damps(dt, touched):
             return
         late, enough = dt, dt / 2
@@ -265,19 +276,24 @@ class JointImpedance(Controller):
             return
         k, d = self._ramps.values["stiffness"], self._ramps.values["damping"]
         self._weight()
-        K = k * self._K
-        share = sqrt(k) if k > _SOFT else k / sqrt(_SOFT)  # the root has no slope at zero that a ramp could follow
         inertia: Array = pin.crba(self._model, self._data, q).diagonal() + self._rotors
-        self._D = 2.0 * config.damping_ratio * d * share * np.sqrt(self._K * np.maximum(inertia, 0.0))
+        K, self._D = self._gains(k, d, np.maximum(inertia, 0.0))
         spring = K * (self._q_d - q) + config.lead * self._D * self._v_d
         np.clip(spring, -self._most, self._most, out=spring)
         out["torque"][:] = out["gravity"] + spring - self._D * qd
         out["desired"][:] = self._q_d
 
-    def _damps(self, dt: float, touched: list[tuple[Array, Array]]) -> bool:
+    def _gains(self, k: float, d: float, inertia: Array) -> tuple[Array, Array]:
+        """K and D (n,) with the factors k and d, of joints of this inertia."""
+        share = sqrt(k) if k > _SOFT else k / sqrt(_SOFT)  # the root has no slope at zero that a ramp could follow
+        return k * self._K, 2.0 * self._config.damping_ratio * d * share * np.sqrt(self._K * inertia)
+
+    def _touched(self) -> list[tuple[Array, Array]]:
+        return list(cases(self._model, self._config.robot.home, self._lower, self._upper, self._rotors))
+
+    def _damps(self, dt: float, touched: list[tuple[Array, Array]], k: float = 1.0, d: float = 1.0) -> bool:
         """Whether the frictionless arm comes to rest in cycles of dt seconds, in each of these `cases`."""
-        K, ratio = self._K, self._config.damping_ratio
-        return all(growth(M, C, K, 2.0 * ratio * np.sqrt(K * M.diagonal()), dt) < GROWTH for M, C in touched)
+        return all(growth(M, C, *self._gains(k, d, M.diagonal()), dt) < GROWTH for M, C in touched)
 
     def _weight(self) -> None:
         out = self.output["gravity"]
@@ -293,3 +309,19 @@ class JointImpedance(Controller):
         applied = self.applied.get("torque")
         if applied is not None:
             self._held_back += bool((np.abs(applied - self.output["torque"]) > _HELD_BACK).any())
+
+
+def _part(bound: float, share: float) -> float:
+    """A factor that is this share of the way from 1 to its bound."""
+    return 1.0 + share * (bound - 1.0)
+
+
+def _largest(stands: Callable[[float], bool]) -> float:
+    """The largest share, to a sixteenth, that stands; 0 is taken to."""
+    if stands(1.0):
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(4):
+        middle = (low + high) / 2
+        low, high = (middle, high) if stands(middle) else (low, middle)
+    return low
