@@ -182,7 +182,7 @@ def _person(entry: Entry, asked: str | None) -> str | None:
 
 
 def _delete(chosen: Sequence[Entry], args: argparse.Namespace) -> int:
-    from runtime.recording.index import entries
+    from runtime.recording.index import entries, made_of
     from runtime.recording.keep import LEDGER, strike
 
     if not chosen:
@@ -190,13 +190,15 @@ def _delete(chosen: Sequence[Entry], args: argparse.Namespace) -> int:
         return 0
     if not args.json:
         _list(chosen)
+        if beside := [str(file) for entry in chosen for file in made_of(entry.path)]:
+            print(f"with what was made of them: {', '.join(beside)}")
     if not args.yes and not _agreed(len(chosen)):
         print("nothing was deleted")
         return 0
-    deleted, failed = [], 0
+    deleted, others, failed = [], 0, 0
     for entry in chosen:
         try:
-            strike(args.folder, entry, "srl recordings --delete")
+            others += len(strike(args.folder, entry, "srl recordings --delete"))
             deleted.append(entry.name)
         except OSError as error:
             place = args.folder / LEDGER
@@ -209,7 +211,8 @@ def _delete(chosen: Sequence[Entry], args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"deleted": deleted, "failed": failed}))
     else:
-        print(f"deleted {len(deleted)} recordings. Calibration files, pictures and exports of them are where they were")
+        made = f" and {others} pictures and exports of them" if others else ""
+        print(f"deleted {len(deleted)} recordings{made}. What has another name or place, and calibrations, stay")
     return 1 if failed else 0
 
 

@@ -1,7 +1,8 @@
 """The callers' side of the loop's Unix sockets: `srl stop` and the supervisor reach the loop without the bus.
 
 Datagrams are JSON: {"ask": "reset", "expires": CLOCK_MONOTONIC ns}; {"ask": "exit"} and {"ask": "fault"} may have a
-"cause". The loop answers to the sender's own address. The kernel tells it the sender's process and user.
+"cause". {"ask": "note", "text": ...} of a process of the run becomes an event. The loop answers to the sender's own
+address. The kernel tells it the sender's process and user.
 
 What stops goes to a socket of its own, where every datagram stops: so no flood of other requests can leave a stop
 without room in the kernel's queue, and a flood of stops is one. `runtime.loop.request_queue` is the loop's side.
@@ -18,6 +19,7 @@ from typing import Any
 from runtime.ipc.run_folder import RunFolder
 
 RETRY = 0.02  # s between attempts to reach a loop that is about to begin
+NOTE = 400  # bytes of a note's text
 LIFETIME = 2_000_000_000  # ns that a request lives; a stop has no end
 STOPS = ("stop", "exit", "fault")
 
@@ -55,6 +57,22 @@ def send_request(
         except (OSError, ValueError):
             return None
         return answer
+
+
+def send_note(run_folder: RunFolder, text: str) -> bool:
+    """Has the loop write an event: it is on the bus, and in the recording. A long text is cut.
+
+    Returns:
+        Whether there is a loop, with room for it.
+    """
+    text = text.encode(errors="replace")[:NOTE].decode(errors="ignore")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK) as sender:
+        try:
+            sender.connect(str(run_folder.loop_socket))
+            sender.send(json.dumps({"ask": "note", "text": text}, ensure_ascii=False).encode())
+        except OSError:
+            return False
+        return True
 
 
 def _end(run_folder: RunFolder, what: str) -> Path:

@@ -80,6 +80,8 @@ class Loop:
             self.ring.touch(written)
             for each in self.requests.refused if pending is None else (pending, *self.requests.refused):
                 self._answer(each)
+            for text in self.requests.notes:
+                self.cycle.report(text)
             self.refusals.turn(tick.now)
             if self._begun:  # after the row, which holds what this cycle saw
                 self._begun = False

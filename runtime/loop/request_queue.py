@@ -67,6 +67,7 @@ class RequestQueue:
         end_asked: set by a signal handler, at any instant: the run shall end.
         refused: requests that were refused since the last cycle and take no cycle of their own.
         dropped: number of requests since the last cycle for which there was no room.
+        notes: texts of the service's processes since the last cycle, each for an event. They change nothing.
         supervisor: the process whose datagrams are the service's own.
     """
 
@@ -89,9 +90,12 @@ class RequestQueue:
         self._limits = {Origin.LOCAL: TokenBucket(), Origin.BUS: TokenBucket()}
         self._stopped = 0  # CLOCK_MONOTONIC ns: when the newest stop came
         self.end_asked = False
+        self._noted = TokenBucket()
         self.refused: list[PendingRequest] = []
+        self.notes: list[str] = []
         self.dropped = 0
         self.supervisor = os.getppid()
+        self._user = os.getuid()
 
     def take(self, now: int, stops_only: bool = False) -> PendingRequest | None:
         """Takes over new setpoints and returns the next request that needs an answer; usually None.
@@ -99,6 +103,7 @@ class RequestQueue:
         `stops_only`: this cycle has another request already, before which only a stop may come.
         """
         self.refused.clear()
+        self.notes.clear()
         self.dropped = 0
         if self.end_asked:
             self.end_asked = False
@@ -138,6 +143,10 @@ class RequestQueue:
         """A datagram of the socket for what moves."""
         ask, expires = datagram.content.get("ask"), datagram.content.get("expires")
         kind = _MOVES.get(ask) if isinstance(ask, str) else None
+        text = datagram.content.get("text") if ask == "note" else None
+        if isinstance(text, str) and datagram.uid == self._user and self._noted.take(now):
+            self.notes.append(text)
+            return
         if kind is None:
             self.dropped += 1
             return

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.child import Ending
+from runtime.ipc.control_socket import send_note
 from runtime.ipc.run_folder import RunFolder
 from runtime.recorder.merge import Merger
 from runtime.recorder.stream import Stream
@@ -41,7 +42,7 @@ class Recorder:
         Raises:
             RecordingError: there is no run, or a recording of another run exists at the target.
         """
-        self._target, self._folder = target, folder_of(target)
+        self._run, self._target, self._folder = run, target, folder_of(target)
         self._tail = Tail(run, recorder=True, ending=ending)
         self._ring = self._tail.ring
         self._done = self._finished()
@@ -132,10 +133,15 @@ class Recorder:
         self._merger.merge(closed)
         if time.monotonic() - self._looked > LOOK:
             self._looked = time.monotonic()
-            full = make_room(self._folder.absolute().parent, self._keep, self._mine, say)
+            full = make_room(self._folder.absolute().parent, self._keep, self._mine, self._note)
             if full and not self._full:
-                say(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
+                self._note(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
             self._full = full
+
+    def _note(self, text: str) -> None:
+        """Says what happens to recordings, and has it written among the run's events."""
+        say(text)
+        send_note(self._run, text)
 
     def _record(self) -> bool:
         """Takes rows until no more will follow. Returns False if there was no room for the last ones."""

@@ -10,6 +10,7 @@ import contextlib
 import os
 import shutil
 import sqlite3
+import stat
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,12 @@ from runtime.recording.segments import listed
 from runtime.recording.summary import Summary, summarize
 
 NAME: Final = ".srl-recordings.sqlite"
-VERSION: Final = 1  # of the table and of what a summary says
+VERSION: Final = 2  # of the table and of what a summary says
+# of what `srl run --figure`, `srl export` and `srl recordings --export` make
+MADE_OF: Final = (
+    *(".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps", ".gif"),
+    *(".parquet", ".mcap", ".c3d", ".bvh"),
+)
 _PATIENCE: Final = 5.0  # s that another program may hold the index
 
 
@@ -74,8 +80,24 @@ def entries(folder: Path, rebuild: bool = False, report: Callable[[str], None] =
     return sorted(made, key=lambda e: (e.summary.began, e.name))
 
 
+def made_of(path: Path) -> list[Path]:
+    """The pictures and exports beside a recording: files of its name. No links, nothing write-protected."""
+    name = path.name.removesuffix(".segments")
+    if not name.endswith(".rrd") or (name != path.name and path.with_name(name).exists()):
+        return []  # a black box; or the finished recording's
+    stem = name.removesuffix(".rrd")
+    found = []
+    for ending in MADE_OF:
+        file = path.with_name(stem + ending)
+        with contextlib.suppress(OSError):
+            state = file.lstat()
+            if stat.S_ISREG(state.st_mode) and state.st_mode & stat.S_IWUSR:
+                found.append(file)
+    return found
+
+
 def delete(entry: Entry) -> None:
-    """Deletes a recording's files.
+    """Deletes a recording's files, and before them what was made of it and lies beside it.
 
     Raises:
         RecordingError: a process is writing or reading it, it has changed since it was listed, its folder holds
@@ -97,6 +119,8 @@ def delete(entry: Entry) -> None:
         problem = f"it also holds what is no part of a recording: {', '.join(others[:3])}"
         raise RecordingError(str(entry.path), problem, "Move that elsewhere first")
     try:
+        for file in made_of(entry.path):
+            file.unlink()
         if entry.path.is_dir():
             if segments:
                 part.unlink(missing_ok=True)

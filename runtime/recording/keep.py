@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.layout import Layout
-from runtime.recording.index import Entry, delete, stamped
+from runtime.recording.index import Entry, delete, made_of, stamped
 from runtime.recording.segments import ENDING
 from runtime.recording.source import Source
 from runtime.recording.summary import Summary, persons
@@ -88,35 +88,40 @@ def make_room(folder: Path, keep: Keep, mine: Collection[str], report: Callable[
         why = f"it is older than {days:g} days" if old else f"the folder holds more than {_gigabytes(keep.bytes)}"
         try:
             entry = Entry(file.path, file.path.name, file.size, Summary(), stamped(file.path)[0])
-            strike(folder, entry, why)
+            beside = strike(folder, entry, why)
         except (OSError, RecordingError) as error:
             report(f"{file.path} stays: {error}")
             continue
         total -= file.size
-        report(f"{file.path} was deleted ({_gigabytes(file.size)}): {why}")
+        others = f" with {', '.join(beside)}" if beside else ""
+        report(f"{file.path} was deleted{others} ({_gigabytes(file.size)}): {why}")
     if keep.bytes is None or total <= keep.bytes:
         return ""
     return f"its recordings take {_gigabytes(total)} of {_gigabytes(keep.bytes)}, and no more of them may be deleted"
 
 
-def strike(folder: Path, entry: Entry, why: str) -> None:
-    """Writes down that a recording is deleted, and deletes it.
+def strike(folder: Path, entry: Entry, why: str) -> list[str]:
+    """Writes down that a recording is deleted, and deletes it with what was made of it and lies beside it.
 
+    Returns:
+        The names of those pictures and exports.
     Raises:
         OSError: it can't be written down; nothing was deleted.
         RecordingError: as `delete`; that is written down, too.
     """
-    ended = _utc(entry.path.stat().st_mtime)
-    _note(folder, entry, ended, why)
+    ended, beside = _utc(entry.path.stat().st_mtime), [file.name for file in made_of(entry.path)]
+    _note(folder, entry, ended, why, beside)
     try:
         delete(entry)
     except RecordingError as error:
-        _note(folder, entry, ended, f"it stays: {error.problem}")
+        _note(folder, entry, ended, f"it stays: {error.problem}", [])
         raise
+    return beside
 
 
-def _note(folder: Path, entry: Entry, ended: str, why: str) -> None:
+def _note(folder: Path, entry: Entry, ended: str, why: str, beside: list[str]) -> None:
     said = {"at": _utc(time.time()), "name": entry.name, "bytes": entry.size, "ended": ended, "why": why}
+    said |= {"with": beside} if beside else {}
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
     descriptor = os.open(folder / LEDGER, flags, 0o600)
     try:

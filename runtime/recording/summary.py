@@ -27,6 +27,10 @@ from runtime.recording.source import Source
 
 NO_FAULT: Final = (Cause.NONE, Cause.REQUEST, Cause.END)
 _MOVING: Final = (State.ACTIVE, State.HOMING)
+_UNFINISHED: Final = (
+    "If no run writes it any more, read it as it is: replay and export take it. "
+    "Rows after these are in the black box that the instance's next start saves"
+)
 _REMEDY: Final = "Take a copy of it that is whole; if there is none, no more of it can be read"
 
 
@@ -151,9 +155,12 @@ def _summary(path: Path) -> Summary:
     if segments:
         whole = path.with_name(path.name.removesuffix(".segments"))
         merged = folder_of(whole) == path and whole.exists()
-        problem = "segments of a recording that is there merged, too" if merged else "its recorder hasn't finished it"
-        remedy = "Compare the two, then delete the segments"
-        remedy = remedy if merged else "If no run writes it any more, read it as it is: replay and export take it"
+        problem, remedy = (
+            "segments of a recording that is there merged, too",
+            "Compare the two, then delete the segments",
+        )
+        if not merged:
+            problem, remedy = f"its recorder hasn't finished it; {found.there(source.cut)}", _UNFINISHED
     elif source.cut:
         problem, remedy = (
             f"its last {source.cut} bytes are torn",
@@ -196,6 +203,12 @@ class _Sum:
             self._stop = int(causes[at]), int(culprits[at])
         self._state = int(states[-1])
         self.rows += len(rows)
+
+    def there(self, cut: int) -> str:
+        """Which rows are there, and what is known to be lost; `cut` bytes are torn."""
+        missing = f", {self._missing} of them missing" if self._missing else ""
+        torn = f", and {cut} bytes are torn" if cut else ""
+        return f"it has rows to number {self._sequence}{missing}{torn}"
 
     def summary(self, problem: str, remedy: str) -> Summary:
         """The summary, with what is wrong with it as far as its reader knows."""

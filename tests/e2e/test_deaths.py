@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import os
+import random
 import signal
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.run import Running, alive, call
 from helpers.wait import until
 
 from runtime.bus.client import connect
+from runtime.cli import main
 from runtime.contracts.errors import RequestError
 from runtime.ipc.words import Cause, State
 from runtime.recording.reader import read
+from runtime.recording.segments import folder_of, listed
 
 
 @pytest.mark.serial  # a ring holds some seconds of rows: the recorder must be back in them
@@ -82,6 +87,42 @@ def test_a_killed_loop_is_said_and_its_rows_are_kept(tmp_path: Path) -> None:
     assert len(whole.rows) == len(box.rows) >= 300
     assert (whole.rows == box.rows).all()
     assert call(tmp_path, "replay", "x.rrd").returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_when_everything_is_killed_at_once_every_row_that_was_taken_is_there(
+    tmp_path: Path, seed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At a random instant: before, during and after segments are merged."""
+    draw, out = random.Random(seed), tmp_path / "x.rrd"
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "120", "--record", "x.rrd") as run:
+        run.started()
+        run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
+        run.until(lambda: run.reader.consumed > 0, "the first rows on the disk")
+        taken = run.reader.consumed + draw.randrange(500)  # 5 s; the first segment has 2 s
+        run.until(lambda: run.reader.consumed >= taken, "rows on the disk")
+        time.sleep(draw.uniform(0, 0.3))  # anywhere within a batch and a merge
+        pids = [run.process.pid, *run.children().values()]
+        draw.shuffle(pids)
+        for pid in pids:
+            os.kill(pid, signal.SIGKILL)
+        run.process.wait()
+        until(lambda: not any(alive(pid) for pid in pids), what="their end")
+    ring = read(run.run_folder.path)
+    kept = read(folder_of(out))
+    assert ring.missing == kept.missing == []
+    assert len(kept.rows) >= run.reader.consumed >= taken
+    assert np.array_equal(kept.rows, ring.rows[: len(kept.rows)])
+    assert [event.text for event in kept.events] == [event.text for event in ring.events[: len(kept.events)]]
+    assert not out.exists()
+    assert main(["recordings", str(tmp_path), "--json"]) == 0
+    (told,) = (e for e in json.loads(capsys.readouterr().out)["recordings"] if e["name"] == "x.rrd.segments")
+    assert f"hasn't finished it; it has rows to number {len(kept.rows)}" in told["problem"]
+    assert ("torn" in told["problem"]) == (kept.salvaged > 0)
+    assert main(["replay", str(folder_of(out))]) == 0
+    files = [file.name for file in listed(folder_of(out))]
+    print(f"{len(ring.rows)} rows were computed, {len(kept.rows)} kept, {kept.salvaged} bytes torn, in {files}")
 
 
 def test_stop_reset_and_start_reach_the_loop(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ import pytest
 from helpers.toy import PERIOD, wired
 from helpers.wait import until
 
-from runtime.ipc.control_socket import LIFETIME, send_request
+from runtime.ipc.control_socket import LIFETIME, send_note, send_request
 from runtime.ipc.requests import Answer, RequestKind, RequestWriter
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause, Latch, Origin, State
@@ -90,6 +90,25 @@ def test_what_is_no_request_is_counted_and_at_the_stops_socket_a_stop(desk: Desk
     taken = desk.take()
     assert taken is not None
     assert (taken.request.kind, taken.request.origin) == (RequestKind.STOP, Origin.LOCAL)
+
+
+def test_a_note_is_for_an_event_and_a_flood_of_them_is_none(desk: Desk) -> None:
+    assert send_note(desk.folder, "ü" * 9000)
+    assert desk.take() is None
+    assert desk.queue.notes == ["ü" * 200]
+    for content in ({"ask": "note"}, {"ask": "note", "text": 3}):
+        assert desk.move(content) == (None, [])
+        assert (desk.queue.notes, desk.queue.dropped) == ([], 1)
+    noted = 0
+    for _ in range(30):
+        send_note(desk.folder, "again")
+        desk.take()
+        noted += len(desk.queue.notes)
+    assert noted < 10
+
+
+def test_no_loop_no_note(tmp_path: Path) -> None:
+    assert not send_note(RunFolder(tmp_path), "nobody is there")
 
 
 def test_what_was_sent_before_a_stop_does_not_move_after_it(desk: Desk) -> None:

@@ -14,9 +14,13 @@ from helpers.recording import make_layout, make_rows, make_run
 from helpers.segments import make_segments
 
 from runtime.cli import main
+from runtime.cli.run import PICTURES
+from runtime.export.formats import ENDINGS
+from runtime.loop.control_end import ControlEnd
 from runtime.recorder.process import Recorder
 from runtime.recorder.stream import Stream
 from runtime.recording import keep
+from runtime.recording.index import MADE_OF
 from runtime.recording.keep import LEDGER, Keep, make_room
 from runtime.recording.segments import folder_of
 
@@ -100,6 +104,23 @@ def test_the_oldest_make_room_and_what_must_stay_stays(tmp_path: Path, save: Sav
     assert len(said) == 3
 
 
+def test_pictures_and_exports_go_with_their_recording_and_nothing_else_does(tmp_path: Path, save: Save) -> None:
+    save("old.rrd", 31)
+    for name in ("old.png", "old.parquet", "old.yaml", "older.png", "old.svg"):
+        (tmp_path / name).write_bytes(b"x")
+    (tmp_path / "old.svg").chmod(0o440)
+    (tmp_path / "old.gif").symlink_to(tmp_path / "older.png")
+    said: list[str] = []
+    make_room(tmp_path, Keep(days=30.0), (), said.append)
+    assert names(tmp_path) == ["old.gif", "old.svg", "old.yaml", "older.png"]
+    assert "old.rrd was deleted with old.png, old.parquet" in said[0]
+    assert json.loads((tmp_path / LEDGER).read_text())["with"] == ["old.png", "old.parquet"]
+
+
+def test_every_picture_and_export_is_known_as_such() -> None:
+    assert set(MADE_OF) >= {*PICTURES, *ENDINGS.values(), ".gif", ".bvh"}
+
+
 def test_a_quota_that_others_fill_is_said_and_their_recordings_stay(tmp_path: Path, save: Save) -> None:
     save("another.rrd", 9, "P08")
     save("mine.rrd", 1, "P07")
@@ -158,6 +179,7 @@ def test_a_running_recorder_makes_room_and_never_of_its_own(
     (tmp_path / "data").mkdir()
     for name, person in (("mine.rrd", "P07"), ("another.rrd", "P08")):
         save(name, 3, person).rename(tmp_path / "data" / name)
+    loop = ControlEnd(run.loop_socket)
     recorder = Recorder(run, tmp_path / "data" / "out.rrd")
     ring.append(make_rows(layout, 1)[0])
     recorder._looked = float("-inf")
@@ -168,3 +190,7 @@ def test_a_running_recorder_makes_room_and_never_of_its_own(
     said = capfd.readouterr().err
     assert "mine.rrd was deleted" in said
     assert "this run is recorded all the same" in said
+    notes = [loop.take(), loop.take()]
+    assert [note.content["ask"] for note in notes if note] == ["note", "note"]
+    assert "mine.rrd was deleted" in notes[0].content["text"]
+    loop.close()
