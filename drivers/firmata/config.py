@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -39,6 +39,13 @@ class Calibration:
     zero_us: float  # the pulse of angle 0, which need not be reachable
     shortest: int
     longest: int
+    lower: float = field(init=False)  # rad, the smallest reachable angle
+    upper: float = field(init=False)  # rad, the largest
+
+    def __post_init__(self) -> None:
+        ends = self.angle(self.shortest), self.angle(self.longest)
+        object.__setattr__(self, "lower", min(ends))
+        object.__setattr__(self, "upper", max(ends))
 
     def pulse(self, angle: float) -> int:
         """Returns the whole pulse width (µs) nearest to a finite angle (rad), limited to the servo's pulses."""
@@ -47,16 +54,6 @@ class Calibration:
     def angle(self, pulse: float) -> float:
         """Returns the angle (rad) of a pulse width (µs); the pulse isn't limited here."""
         return (pulse - self.zero_us) / self.us_per_rad
-
-    @property
-    def lower(self) -> float:
-        """The smallest reachable angle (rad)."""
-        return min(self.angle(self.shortest), self.angle(self.longest))
-
-    @property
-    def upper(self) -> float:
-        """The largest reachable angle (rad)."""
-        return max(self.angle(self.shortest), self.angle(self.longest))
 
 
 class ServoConfig(BaseModel):

@@ -46,6 +46,7 @@ class Lockstep:
         ]
         for device in self.devices:
             device.driver.open()
+        self._commanded = [device for device in self.devices if device.actuators]
         self.cycle = Cycle(graph, limits_of(graph), automatic=True, report=report)
 
     def sense(self) -> None:
@@ -66,11 +67,11 @@ class Lockstep:
                 device.recover(now)
         self.cycle.control()
         self.cycle.guard()
-        for device in self.devices:
+        for device in self._commanded:
             if device.active:
                 device.write(now)
-        release(self.cycle, self.devices, now)
-        for device in self.devices:
+        release(self.cycle, self._commanded, now)
+        for device in self._commanded:
             device.publish(now)
         return self.cycle.machine.state
 

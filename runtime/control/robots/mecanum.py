@@ -62,15 +62,21 @@ class MecanumBase:
 
     def wheels(self, twist: Array) -> Array:
         """Wheel speeds (4,), rad/s, for a twist vx, vy, wz (m/s, m/s, rad/s) of the body."""
-        vx, vy, wz = twist.tolist()
-        turn = self.lever * wz
-        return np.array([vx - vy - turn, vx + vy + turn, vx + vy - turn, vx - vy + turn]) / self.wheel_radius
+        return np.array(self.wheels_of(*twist.tolist()))
+
+    def wheels_of(self, vx: float, vy: float, wz: float) -> tuple[float, float, float, float]:
+        """As `wheels`, without arrays: four numbers take a tenth of the time so."""
+        turn, r = self.lever * wz, self.wheel_radius
+        return (vx - vy - turn) / r, (vx + vy + turn) / r, (vx + vy - turn) / r, (vx - vy + turn) / r
 
     def twist(self, wheels: Array) -> Array:
         """The twist vx, vy, wz (m/s, m/s, rad/s) that best fits wheel speeds (4,), rad/s."""
-        fl, fr, bl, br = wheels.tolist()
+        return np.array(self.twist_of(*wheels.tolist()))
+
+    def twist_of(self, fl: float, fr: float, bl: float, br: float) -> tuple[float, float, float]:
+        """As `twist`, without arrays."""
         part = self.wheel_radius / 4
-        return part * np.array([fl + fr + bl + br, -fl + fr + bl - br, (-fl + fr - bl + br) / self.lever])
+        return part * (fl + fr + bl + br), part * (-fl + fr + bl - br), part * ((-fl + fr - bl + br) / self.lever)
 
 
 SUMMIT_XL: Final = MecanumBase(

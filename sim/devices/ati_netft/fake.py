@@ -45,4 +45,7 @@ class FakeAtiNetFt(ForceTorqueFake):
             self.bias()
 
     def quantise(self, values: Array) -> Array:
-        return np.rint(values * COUNTS) / COUNTS
+        values *= COUNTS
+        np.rint(values, out=values)
+        values /= COUNTS
+        return values

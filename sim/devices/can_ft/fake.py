@@ -90,5 +90,5 @@ class FakeCanFt(ForceTorqueFake):
     def _before_filter(self, number: int) -> Array:
         values = self.samples[number] + self._offset
         if self._sensor_options.noise:
-            values = values + self._noise.noise(number) * self.noise_scale
+            values = values + self._noise.noise(number)
         return np.clip(values, -self.range, self.range) - self._bias

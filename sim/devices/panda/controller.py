@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from drivers.panda.packets import ERRORS, Controller, Generator, RobotMode, error_names
 from drivers.panda.protocol import Status
 from drivers.panda.requests import Body, Move, SetLoad
+from runtime.contracts.compiled import NotCompiledError, Step, bind, numbers
 from runtime.contracts.signals import Array
 from runtime.control.robots import FR3, PANDA, Payload
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
@@ -101,6 +102,9 @@ class PandaController:
         self._most = np.concatenate((limits.upper, fastest)) + spare
         self.external, self.wrench, self.torque = np.zeros(7), np.zeros(6), np.zeros(7)
         self.pose, self.desired_pose = np.eye(4), np.eye(4)
+        self._q, self._felt = np.zeros(7), np.zeros(7)  # measured: position and external torques
+        self._tool, self._point = np.zeros(12), np.zeros(3)  # the end effector at the flange, and K's origin in it
+        self._thresholds = np.zeros((2, 2, 13))  # as `touching`; the second ones while the desired motion accelerates
         self.revision = 0
         self.ticks = 0
         self.reflexes = 0
@@ -110,6 +114,7 @@ class PandaController:
         self._desired_at = b""  # bytes of the desired position to which `desired_pose` belongs
         self._carried()
         self._know()
+        self._in_c = self._compiled()
         self._sense()
         self._drive()
 
@@ -254,28 +259,43 @@ class PandaController:
             self.motion.extrapolate()
 
     def _sense(self) -> None:
-        arm, model, work, external = self.arm, self._model, self._work, self.external
-        arm.measure()
-        external += FILTER * (arm.external_effort - external)
-        pin.computeJointJacobians(model, work, arm.position)
+        self.arm.measure()
+        self._q[:], self._felt[:] = self.arm.position, self.arm.external_effort
+        accelerates = any(self.motion.ddq.tolist())
+        if self._in_c is None or self._in_c(DT, accelerates) < 0:
+            self._feel(accelerates)
+
+    def _compiled(self) -> Step | None:
+        """`_feel` in C (native/felt_wrench.c); None where there is no C."""
+        model, mount = self._model, self._model.frames[self._flange].placement
+        joints = [part for at in list(model.jointPlacements)[1:] for part in (at.rotation, at.translation)]
+        try:
+            return bind(
+                "felt-wrench", self._q, self._felt, np.array([FILTER]), numbers(*joints),
+                numbers(mount.rotation, mount.translation), self._tool, self._point, self._thresholds,
+                self.external, self.wrench, self.pose, self.touching,
+            )  # fmt: skip
+        except NotCompiledError:
+            return None
+
+    def _feel(self, accelerates: bool) -> None:
+        """Filters the external torques; computes the pose, the wrench at K, and what is above its threshold."""
+        model, work, external = self._model, self._work, self.external
+        external += FILTER * (self._felt - external)
+        pin.computeJointJacobians(model, work, self._q)
         pin.updateFramePlacement(model, work, self._flange)
         jacobian = pin.getFrameJacobian(model, work, self._flange, pin.LOCAL_WORLD_ALIGNED)
-        self.pose = flange = work.oMf[self._flange].homogeneous
-        if not self._bare:
-            self.pose = flange @ self._ee
-            # At K instead of the flange: v_K = v_F + w x r.
-            x, y, z = (self.pose @ self.settings.EE_T_K[:, 3] - flange[:, 3]).tolist()[:3]
-            a, b, c = jacobian[3:]
-            jacobian[:3] += (b * z - c * y, c * x - a * z, a * y - b * x)
-        if any(external.tolist()):
-            square = jacobian @ jacobian.T
-            square.flat[::7] += 1e-4  # near a singularity some forces can't be estimated
-            self.wrench = np.linalg.solve(square, jacobian @ external)
-        else:
-            self.wrench = np.zeros(6)
+        flange = work.oMf[self._flange].homogeneous
+        self.pose[:] = flange @ self._ee
+        # At K instead of the flange: v_K = v_F + w x r.
+        x, y, z = (self.pose @ self.settings.EE_T_K[:, 3] - flange[:, 3]).tolist()[:3]
+        a, b, c = jacobian[3:]
+        jacobian[:3] += (b * z - c * y, c * x - a * z, a * y - b * x)
+        square = jacobian @ jacobian.T
+        square.flat[::7] += 1e-4  # near a singularity some forces can't be estimated
+        self.wrench[:] = np.linalg.solve(square, jacobian @ external)
         loads = np.concatenate((external, self.wrench))
-        thresholds = self._thresholds[any(self.motion.ddq.tolist())]
-        np.greater(np.abs(loads, out=loads), thresholds, out=self.touching)
+        np.greater(np.abs(loads), self._thresholds[int(accelerates)], out=self.touching)
 
     def _watch(self) -> None:
         """Checks for the errors that end a motion whatever its setpoints are."""
@@ -358,14 +378,13 @@ class PandaController:
         """Prepares what follows from the settings alone."""
         settings = self.settings
         self._ee = settings.F_T_EE
-        self._bare = np.array_equal(self._ee, np.eye(4)) and np.array_equal(settings.EE_T_K, np.eye(4))
+        self._tool[:9], self._tool[9:] = self._ee[:3, :3].ravel(), self._ee[:3, 3]
+        self._point[:] = settings.EE_T_K[:3, 3]
         self._desired_at = b""
-        # By whether the desired motion accelerates: (2, 13), as `touching`.
-        self._thresholds = [
-            np.array([np.concatenate([getattr(settings, f"{bound}_{what}{kind}") for what in ("torque", "force")])
-                      for bound in ("lower", "upper")])
-            for kind in ("", "_acceleration")
-        ]  # fmt: skip
+        for i, kind in enumerate(("", "_acceleration")):
+            for j, bound in enumerate(("lower", "upper")):
+                loads = [getattr(settings, f"{bound}_{what}{kind}") for what in ("torque", "force")]
+                np.concatenate(loads, out=self._thresholds[i, j])
 
     def _carried(self) -> Payload:
         """Adds tool and load together and puts them into the model."""

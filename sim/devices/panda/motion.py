@@ -85,6 +85,7 @@ class JointGenerator:
         self.q, self.dq, self.ddq = self._state
         self.q[:] = q
         self._begun = False
+        self._rests = False  # it stands where a setpoint has put it: another one that moves nothing changes nothing
         # What a setpoint may ask for: positions, velocities, accelerations, jerks.
         self._new = np.zeros((4, 7))
         slowest, fastest = limits.velocities(q)
@@ -95,11 +96,11 @@ class JointGenerator:
     def begin(self) -> None:
         """Starts a motion from rest; its first setpoint must fit the present desired position."""
         self.dq[:] = self.ddq[:] = 0.0
-        self._begun = True
+        self._begun, self._rests = True, False
 
     def place(self, q: Array, dq: Array) -> None:
         """Sets the desired values to the measured ones, after a motion that the generator didn't make."""
-        self.q[:], self.dq[:], self.ddq[:] = q, dq, 0.0
+        self.q[:], self.dq[:], self.ddq[:], self._rests = q, dq, 0.0, False
 
     def extrapolate(self) -> None:
         """Replaces a lost setpoint."""
@@ -120,6 +121,8 @@ class JointGenerator:
     def take(self, setpoint: Setpoint, generator: Generator) -> str:
         """Takes the next setpoint; returns the name of its error, or "". A faulty setpoint isn't used."""
         first, self._begun = self._begun, False
+        if self._rests and generator is Generator.JOINT_VELOCITY and not any(setpoint.dq.tolist()):
+            return ""
         bounds, new = self.limits, self._new
         q, dq, ddq, dddq = new
         if generator is Generator.JOINT_POSITION:
@@ -139,6 +142,7 @@ class JointGenerator:
         if not all(within):
             return _BROKEN[within.index(False)]
         self._state[:] = new[:3]
+        self._rests = not (self.dq.any() or self.ddq.any())
         return ""
 
 

@@ -54,7 +54,7 @@ class Sensors:
             if block != self._block:
                 rng = np.random.default_rng([*self._key, block])
                 draws = (rng.normal(0.0, 1.0, (_BLOCK, 21)) * self._scale).reshape(_BLOCK, 3, 7)
-                self._draws = draws[:, (0, 1, 2, 2)]  # both efforts err alike
+                self._draws = draws.take((0, 1, 2, 2), axis=1)  # both efforts err alike
                 self._block = block
             self._values += self._draws[row]
         self.effort_rate += self.effort
@@ -83,6 +83,7 @@ class StateWriter:
         self._revision = -1
         self.record["O_ddP_O"] = DOWN
         # Views of neighbouring fields: each is filled by one call.
+        self._desired: Array | None = None  # the pose that the record holds
         self._id = self._view("message_id", "message_id")
         self._poses, self._commanded = self._view("O_T_EE", "O_T_EE_d"), self._view("O_T_EE_c", "O_T_EE_c")
         self._elbows, self._moved = self._view("elbow", "elbow_d"), self._view("tau_J", "ddq_d")
@@ -112,7 +113,9 @@ class StateWriter:
         felt = (control.touching.ravel(), control.external, wrench, (wrench.reshape(2, 3) @ turn).ravel())
         np.concatenate(felt, out=self._felt, casting="same_kind")
         self._poses[:16] = pose.T.ravel()
-        self._poses[16:] = self._commanded[:] = control.desired_pose.T.ravel()
+        if control.desired_pose is not self._desired:
+            self._desired = control.desired_pose
+            self._poses[16:] = self._commanded[:] = self._desired.T.ravel()
         self._elbows[:] = q[2], 1.0 if q[3] >= FLIP else -1.0, q_d[2], 1.0 if q_d[3] >= FLIP else -1.0
         modes = self._modes
         modes[0], modes[1], modes[-1] = control.generator, control.controller, control.mode

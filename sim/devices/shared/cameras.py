@@ -64,9 +64,9 @@ class Cameras(Sensor, SampledFake):
         else:
             parts = [part for part in self.cell.parts.values() if isinstance(part, MocapSubject)]
         self.scene = scene = Scene(self.cell, parts, options.bodies, place, self.states[0].frame)
-        self.sampled(scene.size, scene.take)
         per_pose = [1.0] * 3 + [0.5 / _LEVER] * 4
         self.noise_scale = np.array(per_pose * len(scene.segments) + [1.0] * 3 * len(scene.markers))
+        self.sampled(scene.size, scene.take)
         self._windows = [(self._masks(scene, hidden, place), w) for hidden, w in options.occlusion.items()]
         dropout = options.marker_dropout
         self._marker_noise = SampleNoise(world.seed, f"{name}/markers", len(scene.markers), 1.0)

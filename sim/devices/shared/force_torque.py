@@ -46,6 +46,7 @@ class ForceTorqueFake(Sensor, SampledFake):
         assert isinstance(options, ForceTorqueOptions)
         self._offset = np.array(options.offset)
         self.range: Array = np.array(options.range)
+        self._least = -self.range
         self._bias: Array = np.zeros(6)
         self.part = self.cell.part(FtSensorPart, name, options.part)
         frame = self.states[0].frame
@@ -63,8 +64,7 @@ class ForceTorqueFake(Sensor, SampledFake):
 
     def overload(self, number: int) -> tuple[bool, ...]:
         """For each of the six axes, whether a sample exceeds the range."""
-        loads = self.samples[number] + self._offset
-        return tuple((np.abs(loads, out=loads) > self.range).tolist())
+        return tuple((np.abs(self.samples[number] + self._offset) > self.range).tolist())
 
     def measured(self, number: int) -> Array | None:
         """The measured wrench (6,), N and N m, clipped to the range if saturated; None if the sample is lost."""
@@ -73,9 +73,9 @@ class ForceTorqueFake(Sensor, SampledFake):
     def arriving(self, number: int) -> Array:
         values = self.samples[number].copy()
         if self._sensor_options.noise:
-            values += self._noise.noise(number) * self.noise_scale
+            values += self._noise.noise(number)
         values += self._offset
-        np.minimum(np.maximum(values, -self.range, out=values), self.range, out=values)
+        np.minimum(np.maximum(values, self._least, out=values), self.range, out=values)
         values -= self._bias
         return self.quantise(values)
 
@@ -90,4 +90,4 @@ class ForceTorqueFake(Sensor, SampledFake):
         self._bias = np.zeros(6)
 
     def _is_lost(self, number: int) -> bool:
-        return super()._is_lost(number) or (self.samples.keeps(number) and any(self.overload(number)))
+        return super()._is_lost(number) or (self.samples.keeps(number) and True in self.overload(number))

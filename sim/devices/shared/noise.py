@@ -18,16 +18,17 @@ class SampleNoise:
     A fake without a state of its own needs randomness without a state.
     """
 
-    def __init__(self, seed: int, name: str, size: int, noise: float) -> None:
+    def __init__(self, seed: int, name: str, size: int, noise: float, scale: float | Array = 1.0) -> None:
         """
         Args:
             seed: the world's seed.
             name: the device's name.
             size: number of values in a sample.
             noise: standard deviation of the values' noise.
+            scale: a factor of each value's noise, (size,), or of all.
         """
         self._key = [seed, zlib.crc32(name.encode())]
-        self._size, self._sigma = size, noise
+        self._size, self._sigma, self._scale = size, noise, scale
         self._block = -1
         self._uniform: list[float] = []
         self._noise = np.empty((0, 0))
@@ -49,6 +50,6 @@ class SampleNoise:
         if block != self._block:
             rng = np.random.default_rng([*self._key, block])
             self._uniform = rng.random(_BLOCK).tolist()
-            self._noise = rng.normal(0.0, self._sigma, (_BLOCK, self._size))
+            self._noise = rng.normal(0.0, self._sigma, (_BLOCK, self._size)) * self._scale
             self._block = block
         return row

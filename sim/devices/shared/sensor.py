@@ -42,7 +42,7 @@ class SampledFake(Fake):
     `sample`, so they give the same values. `health.stamp` is the time at which the sample was taken.
 
     Attributes:
-        noise_scale: factor of `options.noise` for each value of a sample: a number or (size,).
+        noise_scale: factor of `options.noise` for each value of a sample: a number or (size,); set before `sampled`.
     """
 
     Options = SensorOptions
@@ -74,7 +74,7 @@ class SampledFake(Fake):
         """Sets what is measured; called once, in `__init__`. `take` returns the present true values (size,)."""
         rate = Fraction(self._sensor_options.rate).limit_denominator(10**6)
         self._samples = self.cell.sample(rate, take, size)
-        self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise)
+        self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise, self.noise_scale)
 
     @abstractmethod
     def fill(self, values: Array, number: int) -> None:
@@ -140,7 +140,7 @@ class SampledFake(Fake):
         """The measured values (size,) of a sample that isn't lost."""
         measured = self.samples[number].copy()
         if self._sensor_options.noise:
-            measured += self._noise.noise(number) * self.noise_scale
+            measured += self._noise.noise(number)
         return self.quantise(measured)
 
     @property
@@ -170,7 +170,7 @@ class AnyWorldFake(SampledFake):
         """See `SampledFake.sampled`. `rate`: Hz, in place of the options' one."""
         hz = Fraction(self._sensor_options.rate if rate is None else rate).limit_denominator(10**6)
         self._samples = Samples(hz, take, size)
-        self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise)
+        self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise, self.noise_scale)
 
     def newest(self) -> int:
         """See `SampledFake.newest`."""

@@ -118,7 +118,7 @@ class ArmPart(Part):
         self._gain = config.drives * np.array(self.robot.stiffness)
         self._damping = 2 * np.sqrt(self._gain * self.robot.inertia)
         self._sliding = self.robot.sliding_friction if config.friction else None
-        self._lowest, self._greatest = -self.robot.tau_max, self.robot.tau_max
+        self._torques = np.stack((-self.robot.tau_max, self.robot.tau_max), axis=1)  # (n, 2): least, greatest
         self._leash = self.robot.tau_max / self._gain
         self._reference, self._rate = self.home.copy(), np.zeros(n)
         self._scratch = np.zeros(n)
@@ -147,7 +147,7 @@ class ArmPart(Part):
         self._q, self._dq, self._ctrl = data.qpos[angles], data.qvel[dofs], data.ctrl[drives]
         self._drag = model.dof_damping[dofs]
         self._bias, self._drive_effort = model.actuator_biasprm[drives], data.qfrc_actuator[dofs]
-        self._held, self._range = data.qfrc_gravcomp[dofs], model.actuator_forcerange[drives]
+        self._held_column, self._range = data.qfrc_gravcomp[dofs, None], model.actuator_forcerange[drives]
         # Views that are cheaper to keep than to ask for in every step.
         self._applied, self._pushes, self._middles = data.qfrc_applied, data.xfrc_applied, data.xipos
         self._all_pushes, self._places = self._pushes.reshape(-1), data.xpos
@@ -172,10 +172,10 @@ class ArmPart(Part):
         if self._sliding is not None:
             # As damping of this step's speed: MuJoCo integrates damping implicitly, so that it never drives.
             np.multiply(self._config.friction, self._sliding.damping(self._dq), out=self._drag)
-            self._drag += self._config.damping
+            if self._config.damping:
+                self._drag += self._config.damping
         # A drive at its limit has no damping; MuJoCo must know which drives are at it, gravity compensation included.
-        np.subtract(self._lowest, self._held, out=self._range[:, 0])
-        np.subtract(self._greatest, self._held, out=self._range[:, 1])
+        np.subtract(self._torques, self._held_column, out=self._range)
         if self.mode in ("velocity", "brake"):
             reference, scratch = self._reference, self._scratch
             np.multiply(self._rate, self._timestep, out=scratch)

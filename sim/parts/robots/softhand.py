@@ -253,11 +253,8 @@ class SoftHandPart(Part):
 
     def contact_force(self) -> Array:
         """(5,) N, sum of the normal forces on each finger, thumb first."""
-        total, data = np.zeros(5), self._data
-        if not data.ncon:
-            return total
-        wrench = np.empty(6)
-        for number, pair in enumerate(self._finger[data.contact.geom].tolist()):
+        total, wrench, data = np.zeros(5), np.empty(6), self._data
+        for number, pair in enumerate(self._finger[data.contact.geom].tolist() if data.ncon else ()):
             for finger in pair:
                 if finger >= 0:
                     mujoco.mj_contactForce(self._model, data, number, wrench)
@@ -268,8 +265,8 @@ class SoftHandPart(Part):
         name = self.name
         truth[f"{name}_motor"][0] = self.position
         truth[f"{name}_current"][0] = self.current
-        truth[f"{name}_joints"][:] = self.joints()
-        truth[f"{name}_contact_force"][:] = self.contact_force()
+        np.dot(self._hinges, self._turned, out=truth[f"{name}_joints"])
+        truth[f"{name}_contact_force"][:] = self.contact_force() if self._data.ncon else 0.0
 
     def save(self) -> Array:
         return np.array([-1.0 if isnan(self._goal) else 1.0, self._ctrl[0], self._range[1], self.current])

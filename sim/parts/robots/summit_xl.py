@@ -84,10 +84,12 @@ class SummitXlPart(Part):
             ),
         )
         self._waiting: deque[tuple[float, float, float, float]] = deque(maxlen=_WAITING)  # step, vx, vy, wz
-        self._wanted, self._wheels = np.zeros(4), np.zeros(4)  # rad/s
-        self._odometry = np.zeros(3)
+        # Plain numbers: arrays of three or four take longer.
+        self._wanted, self._wheels = [0.0] * 4, [0.0] * 4  # rad/s
+        self._odometry = [0.0] * 3
         # Four wheels resist motion along their rollers' axes; their sum is the same for x and y.
         self._drag = 2 * _ROLLS * np.array([1.0, 1.0, self.robot.lever**2])
+        self._rolls: bool | None = None  # whether the wheels roll, for which the drives are set; None: they aren't yet
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         robot, name = self.robot, self.name
@@ -141,23 +143,27 @@ class SummitXlPart(Part):
     def drive(self, step: int) -> None:
         config, robot, dt = self._config, self.robot, self.every * self._timestep
         while self._waiting and self._waiting[0][0] <= step:
-            self._wanted = self._reachable(np.array(self._waiting.popleft()[1:]))
-        change = (self._wanted - self._wheels) * min(1.0, dt / config.time_constant)
-        most = config.acceleration / robot.wheel_radius * dt
-        self._wheels += np.maximum(np.minimum(change, most, out=change), -most, out=change)
-        rolled = robot.twist(self._wheels)
-        self._integrate(rolled, dt)
-        moved = (1.0 - config.slip) * rolled
-        asked, missing = moved, moved - self.twist()
-        slip = max(map(abs, robot.wheels(missing).tolist())) * self._per_slip
-        if slip <= self._grip:
-            self._gain[:], self._bias[:] = self._drag, -self._drag
-        else:  # the wheels spin: a force limited by friction, instead of a drag
-            asked = self._drag * missing * (self._grip / slip)
-            self._gain[:], self._bias[:] = 1.0, 0.0
+            self._wanted = self._reachable(*self._waiting.popleft()[1:])
+        share, most = min(1.0, dt / config.time_constant), config.acceleration / robot.wheel_radius * dt
+        self._wheels = wheels = [
+            now + max(min((wanted - now) * share, most), -most)
+            for now, wanted in zip(self._wheels, self._wanted, strict=True)
+        ]
+        rolled = robot.twist_of(*wheels)
+        self._integrate(*rolled, dt)
+        x, y, turn = (way * (1.0 - config.slip) for way in rolled)
+        vx, vy, wz = self._twist()
+        missing = (x - vx, y - vy, turn - wz)
+        slip = max(map(abs, robot.wheels_of(*missing))) * self._per_slip
+        rolls = slip <= self._grip
+        if rolls != self._rolls:
+            self._rolls = rolls
+            self._gain[:], self._bias[:] = (self._drag, -self._drag) if rolls else (1.0, 0.0)
+        if not rolls:  # the wheels spin: a force limited by friction, instead of a drag
+            share = self._grip / slip
+            x, y, turn = (drag * way * share for drag, way in zip(self._drag.tolist(), missing, strict=True))
         yaw = self._q.item(2)
         c, s = cos(yaw), sin(yaw)
-        x, y, turn = asked.tolist()
         self._ctrl[:] = c * x - s * y, s * x + c * y, turn
 
     def command(self, vx: float, vy: float, wz: float) -> None:
@@ -174,23 +180,26 @@ class SummitXlPart(Part):
 
     def twist(self) -> Array:
         """(3,) vx, vy (m/s), wz (rad/s) in its own frame: the true twist."""
+        return np.array(self._twist())
+
+    def _twist(self) -> tuple[float, float, float]:
         x, y, wz = self._dq.tolist()
         yaw = self._q.item(2)
         c, s = cos(yaw), sin(yaw)
-        return np.array([c * x + s * y, c * y - s * x, wz])
+        return c * x + s * y, c * y - s * x, wz
 
     def wheels(self) -> Array:
         """(4,) rad/s: front left, front right, back left, back right."""
-        return self._wheels.copy()
+        return np.array(self._wheels)
 
     def odometry(self) -> tuple[Array, Array]:
         """Pose and twist, each (3,), as the base computes them from its wheels."""
-        return self._odometry.copy(), self.robot.twist(self._wheels)
+        return np.array(self._odometry), np.array(self.robot.twist_of(*self._wheels))
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         name = self.name
         truth[f"{name}_pose"][:] = self._q
-        truth[f"{name}_twist"][:] = self.twist()
+        truth[f"{name}_twist"][:] = self._twist()
         truth[f"{name}_odometry"][:] = self._odometry
         truth[f"{name}_wheels"][:] = self._wheels
         np.dot(self._corners, self._axes.T, truth[f"{name}_outline"])
@@ -205,20 +214,20 @@ class SummitXlPart(Part):
     def restore(self, state: Array) -> None:
         sizes = (3, 3, 4, 4, 3)
         gain, bias, wanted, wheels, odometry, waiting = np.split(state, np.cumsum(sizes))
-        self._gain[:], self._bias[:], self._odometry[:] = gain, bias, odometry
-        self._wanted, self._wheels = wanted.copy(), wheels.copy()
+        self._gain[:], self._bias[:], self._rolls = gain, bias, None
+        self._wanted, self._wheels, self._odometry = wanted.tolist(), wheels.tolist(), odometry.tolist()
         rows = waiting.reshape(_WAITING, 4)
         self._waiting.clear()
         self._waiting.extend((step, vx, vy, wz) for step, vx, vy, wz in rows.tolist() if step >= 0)
 
-    def _reachable(self, twist: Array) -> Array:
+    def _reachable(self, vx: float, vy: float, wz: float) -> list[float]:
         """Wheel speeds (4,), rad/s, all scaled by the same factor to stay within the greatest."""
-        wheels = self.robot.wheels(twist)
-        most = np.abs(wheels).max()
-        return wheels * (self.robot.wheel_speed / most) if most > self.robot.wheel_speed else wheels
+        wheels, greatest = self.robot.wheels_of(vx, vy, wz), self.robot.wheel_speed
+        most = max(map(abs, wheels))
+        return [wheel * (greatest / most) for wheel in wheels] if most > greatest else list(wheels)
 
-    def _integrate(self, twist: Array, dt: float) -> None:
-        vx, vy, wz = twist.tolist()
-        yaw = self._odometry.item(2) + wz * dt / 2
-        c, s = cos(yaw), sin(yaw)
-        self._odometry += (dt * (c * vx - s * vy), dt * (s * vx + c * vy), dt * wz)
+    def _integrate(self, vx: float, vy: float, wz: float, dt: float) -> None:
+        x, y, yaw = self._odometry
+        middle = yaw + wz * dt / 2
+        c, s = cos(middle), sin(middle)
+        self._odometry = [x + dt * (c * vx - s * vy), y + dt * (s * vx + c * vy), yaw + dt * wz]
