@@ -17,6 +17,9 @@
 #else
 #define COMPILER "an unknown compiler"
 #endif
+#ifndef SRL_VERSION
+#define SRL_VERSION "" /* of the package: pyproject.toml gives it */
+#endif
 #define MOST_ARGS 32
 #define TEXT(x) #x
 #define SPELLED(x) TEXT(x)
@@ -152,7 +155,8 @@ PyMODINIT_FUNC PyInit__compiled(void) {
     PyObject *module = PyModule_Create(&definition);
     if (module == NULL) return NULL;
     if (bound_type == NULL) bound_type = PyType_FromSpec(&bound_spec);
-    if (bound_type == NULL || PyModule_AddStringConstant(module, "compiler", COMPILER) < 0) {
+    if (bound_type == NULL || PyModule_AddStringConstant(module, "compiler", COMPILER) < 0 ||
+        PyModule_AddStringConstant(module, "version", SRL_VERSION) < 0) {
         Py_DECREF(module);
         return NULL;
     }

@@ -10,10 +10,12 @@ from __future__ import annotations
 import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
 
+from runtime import __version__
 from runtime.contracts.controller import Controller
 from runtime.contracts.signals import Array
 
@@ -35,6 +37,21 @@ class NotCompiledError(Exception):
 def missing() -> str:
     """Why there is no C here; "" if there is."""
     return _missing
+
+
+def stale(sources: Path = Path(__file__).parents[2] / "native") -> str:
+    """Why the C here isn't that of the package's Python; "" if it is, or if there is none.
+
+    `sources`: where they are, if the package is a checkout.
+    """
+    if extension is None:
+        return ""
+    version = getattr(extension, "version", "")
+    if version != __version__:
+        return f"the C here is of {version or 'an older version'}, the package of {__version__}"
+    built = Path(extension.__file__).stat().st_mtime
+    newer = sorted(path.name for path in sources.glob("*.[ch]") if path.stat().st_mtime > built)
+    return f"the C here is older than its source: {', '.join(newer)}" if newer else ""
 
 
 def available() -> str:

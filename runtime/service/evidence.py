@@ -54,7 +54,7 @@ def rescue(run_folder: RunFolder, state: Path, report: Callable[[str], None]) ->
     Raises:
         HostError: they can neither be saved nor moved aside.
     """
-    why = _needed(run_folder)
+    why = needed(run_folder)
     if not why:
         return
     there = [path for path in run_folder.evidence if path.exists()]
@@ -76,7 +76,7 @@ def rescue(run_folder: RunFolder, state: Path, report: Callable[[str], None]) ->
     report(f"{why}; its last rows are in {box}")
 
 
-def _needed(run_folder: RunFolder) -> str:
+def needed(run_folder: RunFolder) -> str:
     """Why the rows that are there are needed; "" for those of a run that ended well, and for rows that are saved."""
     if not run_folder.rows.exists():
         return ""

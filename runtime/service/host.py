@@ -44,6 +44,7 @@ def examine(wanted: Wanted) -> Iterator[Finding]:
     yield from processor.timers()
     yield processor.governor()
     yield storage.memory(wanted.rows)
+    yield from storage.leftovers()
     yield storage.state(wanted.state)
     yield storage.disk(wanted.recordings)
     yield processor.laws()

@@ -14,19 +14,25 @@ import subprocess
 import tty
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from cryptography import x509
 from helpers import ROOT
 from helpers.run import call, environment, srl
 
+from runtime import __version__
 from runtime.bus import certificates
 from runtime.bus.certificate_doubts import doubts
 from runtime.bus.certificates import authority, sign
 from runtime.cli import main
+from runtime.contracts import compiled
 from runtime.contracts.tls import TlsConfig
-from runtime.service.fitness import can, storage
+from runtime.ipc.ring import RingReader, RingWriter
+from runtime.ipc.run_folder import RunFolder
+from runtime.service.fitness import can, processor, storage
 
 SOMEBODY = 12345  # a user's number
 PROFILE = """
@@ -263,6 +269,49 @@ def test_keys_that_others_read_and_certificates_of_others_are_doubted(tmp_path: 
     assert said(*whole) == []
     whole[2].unlink()
     assert "can't be read" in said(*whole)[0][1]
+
+
+def test_c_of_another_version_is_found_with_how_to_build_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    built = tmp_path / "_compiled.abi3.so"
+    built.touch()
+    made = SimpleNamespace(compiler="gcc", version=__version__, __file__=str(built))
+    monkeypatch.setattr(compiled, "extension", made)
+    monkeypatch.setattr(compiled, "_missing", "")
+    (tmp_path / "law.c").touch()
+    os.utime(built, (2e9, 2e9))
+    assert compiled.stale(tmp_path) == ""
+    os.utime(tmp_path / "law.c", (2e9 + 1, 2e9 + 1))
+    assert compiled.stale(tmp_path) == "the C here is older than its source: law.c"
+    made.version = "0.0.9"
+    finding = processor.laws()
+    assert (finding.verdict, finding.found) == ("doubtful", f"the C here is of 0.0.9, the package of {__version__}")
+    assert shlex.split(finding.command)[1:4] == ["-m", "pip", "install"]
+    del made.version
+    assert "of an older version" in processor.laws().found
+    assert f'-DSRL_VERSION="{__version__}"' in (ROOT / "pyproject.toml").read_text()  # else all would be found stale
+
+
+def test_rows_that_a_dead_run_left_are_found_and_those_of_others_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path))
+    rings = {}
+    for name in ("ended", "dead", "runs"):
+        folder = RunFolder(tmp_path / name)
+        folder.claim()
+        rings[name] = RingWriter.create(folder.rows, 1, 8)
+        rings[name].append(np.zeros(1, np.int64))
+        if name != "runs":
+            folder.release()
+    rings["ended"].finish()
+    with RingReader(RunFolder(tmp_path / "ended").rows, marks=True) as read:
+        read.set_consumed(1)
+    (finding,) = storage.leftovers()
+    assert (finding.what, finding.verdict) == ("run folder of dead", "doubtful")
+    assert "didn't end properly" in finding.found
+    subprocess.run(finding.command, shell=True, check=True)
+    assert [f.verdict for f in storage.leftovers()] == ["good"]
+    assert {path.name for path in tmp_path.iterdir()} == {"ended", "runs"}
 
 
 def test_a_runtime_folder_that_another_user_could_replace_is_bad(

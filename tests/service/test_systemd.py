@@ -64,9 +64,13 @@ def wheel(folder: Path, version: str, sources: Path) -> None:
     copy = sources / version
     leave = shutil.ignore_patterns(".*", "build", "*.egg-info", "out", "dist", "tests", "bench")
     shutil.copytree(ROOT, copy, ignore=leave)
-    for file, key in (("pyproject.toml", "version"), ("runtime/__init__.py", "__version__")):
+    for file, before in (
+        ("pyproject.toml", '^version = "'),
+        ("pyproject.toml", 'SRL_VERSION="'),
+        ("runtime/__init__.py", '^__version__ = "'),
+    ):
         text = (copy / file).read_text()
-        (copy / file).write_text(re.sub(rf'^{key} = ".*"', f'{key} = "{version}"', text, flags=re.MULTILINE))
+        (copy / file).write_text(re.sub(rf'({before})[^"]*"', rf'\g<1>{version}"', text, flags=re.MULTILINE))
     subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation",
          "--wheel-dir", str(folder / version), str(copy)],

@@ -5,10 +5,13 @@ from __future__ import annotations
 import glob
 import os
 import resource
+import shlex
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 
@@ -109,7 +112,15 @@ def governor() -> Finding:
 
 
 def laws() -> Finding:
-    """Whether the laws in C are there."""
+    """Whether the laws in C are there, and those of this package."""
+    if why := compiled.stale():
+        # A checkout is built where it is; what is installed comes again.
+        checkout = Path(compiled.__file__).parents[2]
+        package = f"-e {shlex.quote(str(checkout))}" if (checkout / "native").exists() else "srl-runtime"
+        return Finding(
+            "laws and guards", "doubtful", why, "They may compute something else than the Python beside them",
+            f"{shlex.quote(sys.executable)} -m pip install --no-deps --force-reinstall {package}",
+        )  # fmt: skip
     if not compiled.missing():
         return Finding("laws and guards", "good", compiled.available())
     remedy = "Install srl-runtime where there is a C compiler; Python takes about five times as long"

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 
 from runtime.contracts.errors import HostError
-from runtime.ipc.run_folder import base, check_owners, free_bytes
+from runtime.ipc.run_folder import RunFolder, base, check_owners, free_bytes
+from runtime.service.evidence import needed
 from runtime.service.fitness.finding import Finding
 
 SPARE = 16 << 20  # bytes in the run folder for what isn't rows
@@ -39,6 +41,24 @@ def memory(rows: int) -> Finding:
             f"sudo mount -o remount,size={more}m {shlex.quote(mount)}",
         )  # fmt: skip
     return Finding(what, "good", f"{folder} is in memory, {free >> 20} MiB free")
+
+
+def leftovers() -> Iterator[Finding]:
+    """What dead runs left in memory: their last rows, which nobody has saved yet."""
+    found = False
+    for lock in sorted(base().glob("*/lock")):
+        run_folder = RunFolder(lock.parent)
+        if run_folder.is_claimed() or not (why := needed(run_folder)):
+            continue
+        found = True
+        name, held = run_folder.path.name, sum(p.stat().st_blocks * 512 for p in run_folder.path.iterdir())
+        yield Finding(
+            f"run folder of {name}", "doubtful", f"{why}; {run_folder.path} holds {held >> 20} MiB",
+            f"The next run of {name} saves them. If nobody needs them, this frees the memory",
+            f"rm -r {shlex.quote(str(run_folder.path))}",
+        )  # fmt: skip
+    if not found:
+        yield Finding("run folders", "good", "no dead run left rows")
 
 
 def state(folder: Path) -> Finding:
