@@ -81,12 +81,12 @@ class Watched:
         if np.count_nonzero(after) < 4:
             return None
         at, own = at[after] / 3600, np.array(self.own)[after] / MIB
-        half = len(at) // 2
+        half, some = len(at) // 2, max(len(at) // 5, 1)
         first, second = (float(np.polyfit(at[part], own[part], 1)[0]) for part in (slice(half), slice(half, None)))
         descriptors, minutes = np.array(self.open)[after], 60 * (at[-1] - at[0])
         faults, main = (float(np.ptp(np.array(counts)[after]) / minutes) for counts in (self.faults, self.main))
         return Line(
-            float(own[0]), float(own[-1]), first, second, int(descriptors[0]), int(descriptors[-1]),
+            float(own[0]), float(own[-1]), first, second, int(descriptors[:some].min()), int(descriptors[-some:].min()),
             int(descriptors.max()), self.threads[-1], faults, main,
         )  # fmt: skip
 
@@ -95,7 +95,8 @@ class Watched:
 class Line:
     """A process after its warm-up: MiB of its own, their slopes in MiB an hour, descriptors, minor faults a minute.
 
-    A leak has the same slope in both halves; what is still warming up has less in the second.
+    A leak has the same slope in both halves; what is still warming up has less in the second. Descriptors: the fewest
+    in the first and the last fifth, which are those that stay open: while it merges, the recorder has six more.
     """
 
     begun: float
