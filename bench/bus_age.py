@@ -1,8 +1,8 @@
 """How old a signal is when a client of the bus has it, and what the bus costs the loop.
 
-One run of the simulated sixth finger; two more buses follow its rows, each with a client: the bus as it is, which looks
-at the ring when a row is due, and one that looks every 20 ms. Only one of them works at a time, the others stand still.
-Both, and their clients, run at a real-time priority below the loop's: what other programs take isn't theirs.
+One run of the simulated sixth finger; three more buses follow its rows, each with a client: the bus as the service
+runs it, at a nice value of -5 and looking at the ring when a row is due; the same at 0; and one at -5 that looks every
+20 ms. Only one of them works at a time, the others stand still. Their clients have the ordinary nice value.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
 
 SIGNAL = "finger/position_command/applied"  # stamped with the cycle's beginning
-PRIORITY = 10
+NICE = -5  # as deploy/srl@.service sets it
 POLL = 0.02  # s, of the bus that polls
 PATIENCE = 20.0  # s for a bus to begin, or to end
 SETTLE, BLOCK = 0.3, 1.2  # s before a block counts, and of a block
-_POLLING = "a bus that polls every 20 ms"
+_POLLING, _ORDINARY = "a bus that polls every 20 ms", "the bus at a nice value of 0"
 
 
 def run(rate: int) -> list[Row]:
     """Returns the age at a client and the loop's cycle at `rate` Hz, of which every tenth cycle is published."""
-    with running(rate) as run_folder, _buses(run_folder) as (due, polling):
+    with running(rate) as run_folder, _buses(run_folder) as (due, ordinary, polling):
         layout, reader = Layout.load(run_folder.layout), RingReader(run_folder.rows)
 
         def block(works: _Bus | None) -> Callable[[], dict[str, float]]:
             def figures() -> dict[str, float]:
-                for bus in (due, polling):
+                for bus in (due, ordinary, polling):
                     bus.send(signal.SIGCONT if bus is works else signal.SIGSTOP)
                 time.sleep(SETTLE)
                 reader.take(1 << 20)
@@ -63,14 +63,17 @@ def run(rate: int) -> list[Row]:
 
             return figures
 
-        pairs = measure(block(due), {_POLLING: block(polling), "without": block(None)}, PAIRS)
+        others = {_POLLING: block(polling), _ORDINARY: block(ordinary), "without": block(None)}
+        pairs = measure(block(due), others, PAIRS)
+        what = f"{rate} Hz, nice value {due.nice}, "
     id, aim = f"bus-age-{rate}hz", "under 5 ms"
-    row = pairs.row(id, f"{rate} Hz, age at a client, p50", "age", _POLLING, "ms", aim)
+    row = pairs.row(id, what + "age at a client, p50", "age", _POLLING, "ms", aim)
     return [
         replace(row, holds=row.ours < 5.0),
-        pairs.row(id, f"{rate} Hz, age at a client, p99", "age99", _POLLING, "ms"),
+        pairs.row(id, what + "age at a client, p50", "age", _ORDINARY, "ms"),
+        pairs.row(id, what + "age at a client, p99", "age99", _POLLING, "ms"),
         *(
-            pairs.row(id, f"{rate} Hz, the loop's cycle, {words}", figure, other, "us")
+            pairs.row(id, what + f"the loop's cycle, {words}", figure, other, "us")
             for figure, words in (("cycle", "p50"), ("cycle99", "p99"))
             for other in (_POLLING, "without")
         ),
@@ -84,6 +87,12 @@ class _Bus:
         self._process = process
         self._ages: queue.SimpleQueue[float] = queue.SimpleQueue()
         self._taken = client.subscribe(lambda update: self._ages.put((time.time() - (update.stamp or 0)) * 1e3), SIGNAL)
+
+    @property
+    def nice(self) -> int:
+        """Its nice value: not NICE where the host refuses that."""
+        assert self._process.pid is not None
+        return os.getpriority(os.PRIO_PROCESS, self._process.pid)
 
     def send(self, number: signal.Signals) -> None:
         """Sends a signal to the bus."""
@@ -102,10 +111,10 @@ class _Bus:
 
 @contextmanager
 def _buses(run_folder: RunFolder) -> Iterator[list[_Bus]]:
-    """The bus that looks when a row is due, and the one that polls, each in a folder with the run's rows and layout."""
+    """The three buses, each in a folder with the run's rows and layout."""
     with tempfile.TemporaryDirectory(prefix="srl-") as scratch, ExitStack() as ends:
         started = []
-        for kind in ("due", "polling"):  # both before this process has a session: it has threads then
+        for kind in ("due", "ordinary", "polling"):  # both before this process has a session: it has threads then
             folder = RunFolder(Path(scratch) / f"bench-{kind}")
             folder.path.mkdir()
             for file in ("rows", "events", "layout"):
@@ -115,8 +124,6 @@ def _buses(run_folder: RunFolder) -> Iterator[list[_Bus]]:
             process.start()
             ends.callback(_end, process)
             started.append((process, folder))
-        ends.callback(os.sched_setscheduler, 0, os.SCHED_OTHER, os.sched_param(0))
-        _hurry()  # zenoh's threads, made from here on, have it from this one
         buses = []
         for process, folder in started:
             until = time.monotonic() + PATIENCE
@@ -126,11 +133,6 @@ def _buses(run_folder: RunFolder) -> Iterator[list[_Bus]]:
                 time.sleep(0.02)
             buses.append(_Bus(process, ends.enter_context(connect(folder, timeout=PATIENCE))))
         yield buses
-
-
-def _hurry() -> None:
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
 
 
 def _end(process: BaseProcess) -> None:
@@ -145,7 +147,9 @@ def _end(process: BaseProcess) -> None:
 def _serve(kind: str, folder: RunFolder) -> None:
     """The process of one bus."""
     ending = Ending()
-    _hurry()
+    if kind != "ordinary":
+        with suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, NICE)  # zenoh's threads, made from here on, have it from this one
     if kind == "polling":
         bus_process.next_look = lambda *_: round(POLL * 1e9)
     bus_process.Bus(folder).run(ending)

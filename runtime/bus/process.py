@@ -39,6 +39,7 @@ PUBLISHED = ("state", "command", "applied", "sent", "internal", "truth")  # role
 STATUS_PERIOD = 200_000_000  # ns
 SILENT = 500_000_000  # ns without a sign of life, plus two periods, after which the loop counts as dead
 MOST = 16  # rows published in one turn: a simulation faster than real time isn't followed row by row
+LISTENERS = 50_000_000  # ns: a new subscriber hears its signal no later than this
 NOTES_KEPT = 20
 # The ring wakes nobody: a reader that hangs must cost the loop nothing. The bus looks when the next row to publish is
 # due; a row that is late is looked for at this pace, and ever more seldom.
@@ -78,7 +79,7 @@ class Bus:
         self._requests = Requests(self._layout, self._keys, self._request_ring, counts, self._arrivals)
         self._row = self._ring.newest()
         self._said: tuple[int, ...] | None = None  # state, cause and latches of the last status
-        self._status_due = 0
+        self._status_due = self._listeners_due = 0
         self._silent = False
         self._sent, self._sender = 0, os.urandom(16)  # for the samples' attachments: their number and sender
         self._session = session.serve(run_folder.bus_socket, config, self._keys)
@@ -109,6 +110,7 @@ class Bus:
             )
             for f in self._fields
         ]
+        self._heard = self._signals[:0]  # those with a subscriber
         self._status_out = publisher(self._keys.status, messages.DIAGNOSTICS)
         self._events_out = publisher(self._keys.events, messages.STRING)
         self._declared: list[Any] = []
@@ -157,9 +159,9 @@ class Bus:
     def _turn(self) -> None:
         rows = self._ring.take()
         if rows.shape[0]:
-            self._reporter.timing.add(rows)
             self._row = rows[-1]
-            self._publish(rows)
+            self._publish(rows)  # first: all else may wait
+            self._reporter.timing.add(rows)
         self._reporter.counts.lost_rows = self._ring.lost
         now = time.monotonic_ns()
         self._silent = not self._ring.closed and now - self._ring.beat > self._silence
@@ -175,18 +177,28 @@ class Bus:
             self._say_events()
 
     def _publish(self, rows: NDArray[np.int64]) -> None:
-        for row in rows[rows[:, _CYCLE] % self._every(rows) == 0][-MOST:]:
+        due = rows[rows[:, _CYCLE] % self._every(rows) == 0][-MOST:]
+        if due.shape[0]:
+            self._see_who_listens()
+        for row in due:
             floats = row[self._layout.ints :].view(np.float64)
-            for place, encoder, publisher, column in self._signals:
+            for place, encoder, publisher, column in self._heard:
                 taken = int(row[column])
-                if taken < 0 or not _matches(publisher):
-                    continue  # the device has given no sample yet, or nobody listens
+                if taken < 0:
+                    continue  # the device has given no sample yet
                 stamp = taken + self._wall
                 self._sent += 1
                 publisher.put(
                     encoder.encode(floats[place], stamp),
                     attachment=attachment.encode(self._sent, stamp, self._sender),
                 )
+
+    def _see_who_listens(self) -> None:
+        """Asks zenoh, but not for each row: for all signals that takes as long as to publish one."""
+        now = time.monotonic_ns()
+        if now >= self._listeners_due:
+            self._listeners_due = now + LISTENERS
+            self._heard = [signal for signal in self._signals if _matches(signal[2])]
 
     def _every(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Every how many-th cycle is published, as each row (..., width) says."""

@@ -24,6 +24,7 @@ import pytest
 from helpers import ROOT
 from helpers.run import Running, environment, srl
 
+from bench import bus_age
 from runtime.ipc.words import State
 from runtime.loop import realtime
 from runtime.recording.reader import read
@@ -98,6 +99,7 @@ def test_the_unit_is_exposed_no_more_than_it_must(unit: Path, tmp_path: Path) ->
 def test_the_unit_agrees_with_the_code() -> None:
     assert seconds("LimitRTPRIO") == realtime.PRIORITY
     assert values("LimitMEMLOCK") == ["infinity"]
+    assert seconds("Nice") == bus_age.NICE
     assert not values("RestrictRealtime")  # would refuse SCHED_FIFO
     assert not values("PrivateDevices")  # would hide the ports
     assert not values("PrivateNetwork")  # `srl stop` is answered at an abstract socket of the host's
