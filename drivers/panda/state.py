@@ -85,13 +85,11 @@ class StateReader:
     def fill(self, data: bytes, arrays: Mapping[str, Array]) -> bool:
         """Copies a state into the driver's arrays. Returns False and copies nothing if a number isn't finite."""
         T = self._pose.unpack_from(data, self._pose_at)
-        total = sum(T)
-        for _, form, at in self._copied:
-            total += sum(form.unpack_from(data, at))
-        if not isfinite(total):
+        found = [form.unpack_from(data, at) for _, form, at in self._copied]
+        if not isfinite(sum(T) + sum(map(sum, found))):
             return False
-        for signal, form, at in self._copied:
-            arrays[signal][:] = form.unpack_from(data, at)
+        for (signal, _, _), values in zip(self._copied, found, strict=True):
+            arrays[signal][:] = values
         self._quaternion = quaternion(T, self._quaternion)
         arrays["pose"][:] = T[12:15] + self._quaternion
         return True

@@ -33,7 +33,7 @@ class Tremor:
 
     def at(self, t: float) -> tuple[float, float, float]:
         """The force in N, world axes, at t seconds of world time."""
-        x, y, z = (sum([f * sin(w * t + p) for f, w, p in tones]) for tones in self._tones)
+        x, y, z = [sum([f * sin(w * t + p) for f, w, p in tones]) for tones in self._tones]
         return (x, y, z)
 
 

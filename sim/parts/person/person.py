@@ -203,8 +203,10 @@ class PersonPart(Part):
         tool: Pose = (place[0] + reach[0], place[1] + reach[1], place[2] + reach[2], *grip)
         if not body.begun:
             self._begin(tool, place, turn)
-        vx, vy, vz = ((place[i] - body.place[i]) / dt for i in range(3))
-        wx, wy, wz = (v / dt for v in error(turn, body.turn))
+        px, py, pz = body.place
+        vx, vy, vz = (place[0] - px) / dt, (place[1] - py) / dt, (place[2] - pz) / dt
+        wx, wy, wz = error(turn, body.turn)
+        wx, wy, wz = wx / dt, wy / dt, wz / dt
         body.place, body.turn = place, turn
         body.wander = wander = self._wander.next(body.wander, number)
 
@@ -212,7 +214,10 @@ class PersonPart(Part):
         seen, off = self._sight.seen(number)
         self.intention.update(step * self._timestep, dt, seen, tool, sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2))
         meant = self._lagged()
-        ex, ey, ez = (meant[i] - tool[i] + config.drift * wander[3 + i] for i in range(3))
+        drift = config.drift
+        ex = meant[0] - tool[0] + drift * wander[3]
+        ey = meant[1] - tool[1] + drift * wander[4]
+        ez = meant[2] - tool[2] + drift * wander[5]
         rx, ry, rz = error(meant[3:], grip)
         self._sight.take(number, tool, (ex, ey, ez, rx, ry, rz))
         pushing = self.intention.pushing
@@ -220,7 +225,7 @@ class PersonPart(Part):
 
         # Position of the hand that puts the tool where it should be.
         way = turned(meant[3:], turned(conjugate(self._reach[1]), self._reach[0]))
-        bx, by, bz = (meant[i] - way[i] + shift[i] for i in range(3))
+        bx, by, bz = meant[0] - way[0] + shift[0], meant[1] - way[1] + shift[1], meant[2] - way[2] + shift[2]
         body.balance = (bx, by, bz)
         K, D = self._stiffness()
         Kr, Dr = config.turn_stiffness, config.turn_damping
@@ -282,10 +287,11 @@ class PersonPart(Part):
         v, a, m, d = aim.velocity, aim.acceleration, tool.mass, tool.drag
         body.drive = _mixed(body.drive, (m * a[0] + d * v[0], m * a[1] + d * v[1], m * a[2] + d * v[2]), k)
         spin = _mixed(body.spin, aim.spin, k)
-        known = (
-            tool.inertia * (w - was) / self._dt + tool.turn_drag * w for w, was in zip(spin, body.spin, strict=True)
-        )
-        body.twist = _mixed(body.twist, _three(list(known)), k)
+        if spin != _ZERO or body.spin != _ZERO or body.twist != _ZERO:
+            known = [
+                tool.inertia * (w - was) / self._dt + tool.turn_drag * w for w, was in zip(spin, body.spin, strict=True)
+            ]
+            body.twist = _mixed(body.twist, _three(known), k)
         body.pace, body.spin = _mixed(body.pace, v, k), spin
         return meant
 

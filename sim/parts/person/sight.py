@@ -54,14 +54,18 @@ class Sight:
             way = off[0] * along[0] + off[1] * along[1] + off[2] * along[2]
             off = (off[0] - way * along[0], off[1] - way * along[1], off[2] - way * along[2], *off[3:])
         k, (at_once, by_time) = self._slow, self._correction
-        slow, shift, out = list(self._filtered), list(self._shift), []
-        for i in range(_ERROR):
-            slow[i] += k * (off[i] - slow[i])
-            slow[_ERROR + i] += k * (slow[i] - slow[_ERROR + i])
-            late = slow[_ERROR + i] if i < 3 else slow[_ERROR + i] / 3
-            shift[i] = min(max(shift[i] + by_time * self._dt * late, -_REACH), _REACH)
-            out.append(at_once * late + shift[i])
-        self._filtered, self._shift = tuple(slow), tuple(shift)
+        gain, filtered = by_time * self._dt, self._filtered
+        first, second, shift, out = [], [], [], []
+        for i, (now, a, b, s) in enumerate(zip(off, filtered[:_ERROR], filtered[_ERROR:], self._shift, strict=True)):
+            once = a + k * (now - a)
+            twice = b + k * (once - b)
+            late = twice if i < 3 else twice / 3
+            summed = min(max(s + gain * late, -_REACH), _REACH)
+            first.append(once)
+            second.append(twice)
+            shift.append(summed)
+            out.append(at_once * late + summed)
+        self._filtered, self._shift = (*first, *second), tuple(shift)
         return tuple(out)
 
     def save(self) -> list[float]:

@@ -124,6 +124,7 @@ class ArmPart(Part):
         self._scratch = np.zeros(n)
         self._settled_at = self._measured_at = -1.0
         self._measured = np.zeros(2 * n + 6)  # effort, external effort, flange wrench
+        self._mounted = 0.0, np.zeros(3)  # kg and N, of what is at the flange
 
     # -- construction
 
@@ -222,6 +223,7 @@ class ArmPart(Part):
         self.told = Payload(float(mass), (x, y, z))
         self._model.body_gravcomp[self._speck] = mass / SPECK
         self._model.body_ipos[self._speck] = x, y, z
+        self._told_weight = -self.told.mass * self._gravity
         self._known = pinocchio_model(self.robot, payload=self.told, rotors=True)
         self._known_data = self._known.createData()
 
@@ -381,7 +383,9 @@ class ArmPart(Part):
             mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], self._middles[body], body, total)
         mounted = self._subtree_masses.item(flange)
         if mounted > 3 * SPECK or self.told.mass:
-            weight, told = mounted * self._gravity, -self.told.mass * self._gravity
+            if mounted != self._mounted[0]:
+                self._mounted = mounted, mounted * self._gravity
+            weight, told = self._mounted[1], self._told_weight
             mujoco.mj_applyFT(model, data, weight, _NONE, self._subtrees[flange], flange, total)
             mujoco.mj_applyFT(model, data, told, _NONE, self._middles[self._speck], flange, total)
         return cast(Array, total[self._dofs])
