@@ -1,30 +1,36 @@
-"""Two computers: the glove on one, the finger on the other, mutual TLS between them, and a cable that is pulled.
+"""Two computers: the glove on one, the finger on the other, mutual TLS between them; the network is cut, or slow.
 
 The computers are network namespaces joined by a veth pair; only root may make them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
 import subprocess
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.run import Running, environment, srl
+from helpers.slow_link import SlowLink
 from helpers.zenoh import certificates
 
 from drivers.cyberglove.protocol import LABELS
+from drivers.zenoh import Zenoh
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import LINK_STALE, Cause, State
+from runtime.ipc.words import CYCLE, LINK_STALE, Cause, State
+from studies.faults.device_trial import Bench
+from studies.faults.steps import ROUNDING, largest
 
 GLOVE, FINGER = "10.77.5.1", "10.77.5.2"
-PORT = 7447
+PORT, RELAY = 7447, 7448
 DELAY = 100_000_000  # ns that a sample may take on this machine, with room (seen: 14 ms)
 
 pytestmark = [pytest.mark.slow, pytest.mark.serial]  # how late samples are
@@ -109,13 +115,27 @@ def overrides(**values: Any) -> list[str]:
 def test_a_cut_cable_stops_the_limb_and_nothing_old_moves_it(
     hosts: Hosts, tmp_path: Path, silence: float, seconds: float
 ) -> None:
-    tls = certificates(tmp_path, ("glove", "finger"), (GLOVE, FINGER))
+    with both(hosts, tmp_path, PORT, silence) as (glove, finger):
+        cut, plugged = _cut_and_mended(hosts, finger, tmp_path / "b", seconds)
+        some_rows(finger)
+        late = lateness(glove, finger, finger.reader.take())
+        assert late[:, 0].min() < cut < plugged < late[:, 0].max()
+        # Both hosts have the same CLOCK_MONOTONIC here: no sample is given out for newer than it is.
+        assert late[:, 1].min() >= 0
+        assert late[:, 1].max() < DELAY
+        assert (finger.word("glove.reconnects") >= 1) == (seconds > silence)
+
+
+@contextlib.contextmanager
+def both(hosts: Hosts, folder: Path, port: int, silence: float = 10.0) -> Iterator[tuple[Running, Running]]:
+    """The glove's run and the finger's, which moves; the finger reaches the glove at this port."""
+    tls = certificates(folder, ("glove", "finger"), (GLOVE, FINGER))
     bus = {"decimate": 1, "listen": [f"tls/{GLOVE}:{PORT}"], "tls": tls["glove"].model_dump()}
     bus["roles"] = {"observer": ["finger"]}
-    glove = On(hosts.names[0], tmp_path / "a", "sixth-finger", "--sim", *overrides(bus=bus))
+    glove = On(hosts.names[0], folder / "a", "sixth-finger", "--sim", *overrides(bus=bus))
     remote = {
         "driver": "zenoh",
-        "port": f"tls://{GLOVE}:{PORT}",
+        "port": f"tls://{GLOVE}:{port}",
         "tls": tls["finger"].model_dump(),
         "silence": silence,
         "signals": {
@@ -130,23 +150,56 @@ def test_a_cut_cable_stops_the_limb_and_nothing_old_moves_it(
     with glove:
         glove.started()
         glove.until(glove.run_folder.bus_socket.exists, "the bus")
-        finger = On(
-            hosts.names[1], tmp_path / "b", "sixth-finger", "--sim", "finger", *overrides(devices__glove=remote)
-        )
-        with finger:
+        words = overrides(devices__glove=remote)
+        with On(hosts.names[1], folder / "b", "sixth-finger", "--sim", "finger", *words) as finger:
             finger.started()
             finger.until(lambda: finger.word("state") == State.ACTIVE, "motion")
-            finger.until(lambda: finger.reader.head > 100, "a second of rows")
+            some_rows(finger)
+            yield glove, finger
 
-            cut, plugged = _cut_and_mended(hosts, finger, tmp_path / "b", seconds)
-            mark = finger.reader.head
-            finger.until(lambda: finger.reader.head > mark + 100, "another second of rows")
-            late = lateness(glove, finger)
-            assert late[:, 0].min() < cut < plugged < late[:, 0].max()
-            # Both hosts have the same CLOCK_MONOTONIC here: no sample is given out for newer than it is.
-            assert late[:, 1].min() >= 0
-            assert late[:, 1].max() < DELAY
-            assert (finger.word("glove.reconnects") >= 1) == (seconds > silence)
+
+def some_rows(run: Running, count: int = 100) -> None:
+    """Waits for some rows more; 100 are a second."""
+    mark = run.reader.head
+    run.until(lambda: run.reader.head > mark + count, "some more rows")
+
+
+def test_a_slow_network_makes_samples_old_and_no_jump(hosts: Hosts, tmp_path: Path) -> None:
+    with (
+        SlowLink(hosts.names[0], (GLOVE, RELAY), (GLOVE, PORT)) as link,
+        both(hosts, tmp_path, RELAY) as (glove, finger),
+    ):
+        begun = [finger.reader.head]
+        for delay, jitter in ((0.02, 0.0), (0.02, 0.06)):
+            link.delay(delay, jitter)
+            some_rows(finger, 200)
+            begun.append(finger.reader.head)
+        assert finger.word("state") == State.ACTIVE  # nothing was older than `max_age`
+        link.delay(0.5)
+        finger.until(lambda: finger.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
+        begun.append(finger.reader.head)
+        link.delay(0.0)
+        finger.until(lambda: finger.word("state") == State.STOPPED, "the stop")
+        finger.until(lambda: not finger.word("glove.link") & LINK_STALE, "freshness")
+        some_rows(finger)
+        assert finger.word("state") == State.STOPPED  # as long as nobody resets it
+        assert reset(hosts.names[1], tmp_path / "b").returncode == 0
+        finger.until(lambda: finger.word("state") == State.ACTIVE, "motion again")
+        some_rows(finger, 50)
+
+        rows = finger.reader.take()
+        late = lateness(glove, finger, rows)
+        assert late[:, 1].min() >= 0
+        assert late[:, 1].max() < DELAY  # what waited in the network isn't given out for new
+        age = (rows[:, CYCLE.now] - finger.layout.word(rows, "glove.stamp")) * 1e-9
+        plain, slow, jittery = (np.median(age[a:b]) for a, b in pairwise([0, *begun[:3]]))
+        print(f"median age {plain:.3f} s, with 20 ms {slow:.3f}, with jitter {jittery:.3f}")
+        assert plain + 0.015 < slow < jittery
+        stale = (finger.layout.word(rows, "glove.link") & LINK_STALE) != 0
+        assert (stale == (age > Zenoh.max_age))[begun[0] :].all()
+        with Bench("sixth-finger", [], 1) as bench:
+            share, where = largest(finger.layout, rows, bench.graph, bench.guards)
+        assert share <= 1.0 + ROUNDING, where
 
 
 def _cut_and_mended(hosts: Hosts, finger: Running, folder: Path, seconds: float) -> tuple[int, int]:
@@ -175,17 +228,21 @@ def _cut_and_mended(hosts: Hosts, finger: Running, folder: Path, seconds: float)
     return cut, plugged
 
 
-def lateness(glove: Running, finger: Running) -> np.ndarray:
-    """(k, 2) ns of each sample that arrived: when it was taken by the sender's account, and how much newer it seems."""
-    there, here = glove.reader.take(), finger.reader.take()
+def lateness(glove: Running, finger: Running, here: np.ndarray) -> np.ndarray:
+    """(k, 2) ns of each sample that arrived: when it was taken by the sender's account, and how much newer it seems.
+
+    `here`: the finger's rows. Of two samples with the same values, the one that is nearer in time was meant.
+    """
+    there = glove.reader.take()
     stamps = glove.layout.word(there, "glove.stamp").tolist()
     values = glove.layout.value(there, "glove.position")
-    taken: dict[bytes, int] = {}
+    taken: dict[bytes, list[int]] = {}
     for stamp, value in zip(stamps, values, strict=True):
-        taken.setdefault(value.tobytes(), stamp)
+        taken.setdefault(value.tobytes(), []).append(stamp)
     found = {}
     arrived = finger.layout.value(here, "glove.position")
     for stamp, value in zip(finger.layout.word(here, "glove.stamp").tolist(), arrived, strict=True):
-        if (at := taken.get(value.tobytes())) is not None:
+        if sent := taken.get(value.tobytes()):
+            at = min(sent, key=lambda each: abs(stamp - each))
             found[at] = stamp - at
     return np.array(list(found.items()))
