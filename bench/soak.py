@@ -36,7 +36,21 @@ from runtime.ipc.words import CYCLE, Cause, State
 PROFILE: Final = "moca-man"  # the shipped one with the most devices, laws and commands
 PERIOD: Final = 1.0  # s between two looks
 PATIENCE: Final = 300.0  # s for a start or an end, on a loaded machine
-RESETS: Final = 5.0  # s between two resets
+REQUESTS: Final = 5.0  # s between two starts or resets
+PRIORITY: Final = 10  # of the twins, where it is allowed: below the loop's. Late twins are silent devices to the loop.
+# One lap of PROFILE's person: leads the hand out and back, closes and opens it, and takes the base along.
+LAP: Final = [
+    {"do": "go_to", "by": [0.15, 0.1, -0.1]},
+    {"do": "press", "button": "G"},
+    {"do": "press", "button": "P"},
+    {"do": "go_to", "by": [0.5, 0.0, 0.0], "tolerance": 0.05},
+    {"do": "go_to", "by": [-0.5, 0.0, 0.0], "tolerance": 0.05},
+    {"do": "press", "button": "P"},
+    {"do": "press", "button": "G"},
+    {"do": "go_to", "by": [-0.15, -0.1, 0.1]},
+    {"do": "wait", "seconds": 1.0},
+]
+LAP_TIME: Final = 10.0  # s: no lap is faster
 MIB: Final = 1 << 20
 _SRL: Final = (sys.executable, "-m", "runtime")
 _MODULES: Final = ("loop", "bus", "recorder")
@@ -137,6 +151,9 @@ class Soak:
 def soak(name: str, sim: bool, minutes: float, rate: float, overrides: list[str], say: IO[str]) -> Soak:
     """Runs it. Raises HostError: the twins didn't begin."""
     made = Soak()
+    if name == PROFILE:
+        laps = [{"do": "press", "button": "A"}, *(LAP * round(60 * minutes / LAP_TIME + 1))]
+        overrides = [f"sim.parts.person.plan={json.dumps(laps)}", *overrides]
     with ExitStack() as stack:
         folder = Path(tempfile.mkdtemp(prefix="srl-soak-"))
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
@@ -147,7 +164,7 @@ def soak(name: str, sim: bool, minutes: float, rate: float, overrides: list[str]
         if sim:
             arguments = ["run", name, "--sim", *_set(overrides)]
         else:
-            command = [*_SRL, "twin", name, *_set(overrides), "--json"]
+            command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--json"]
             watched["twins"] = stack.enter_context(_begun(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
         own = [f"rate={rate:g}", "clock=monotonic", "faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
@@ -175,7 +192,7 @@ def _watch(
             raise HostError("soak", "the run didn't begin", "Look at what it said")
         time.sleep(0.1)
     layout = Layout.load(where.layout)
-    begun = next_reset = time.monotonic()
+    begun = next_request = time.monotonic()
     with RingReader(where.rows) as reader:
         while (at := time.monotonic() - begun) < seconds:
             if any(process.poll() is not None for process in watched.values()):
@@ -187,12 +204,14 @@ def _watch(
             made.seconds = at
             _take(made, reader)
             row = reader.newest()
-            if row is not None and row[CYCLE.state] == State.STOPPED and time.monotonic() > next_reset:
-                next_reset = time.monotonic() + RESETS
-                cause = Cause(int(row[CYCLE.cause]))
-                why = f"{cause.name.lower()} {layout.culprit(cause, int(row[CYCLE.culprit]))}".strip()
-                made.resets[why] = made.resets.get(why, 0) + 1
-                send_request(where, "reset")
+            state = State.STARTING if row is None else State(int(row[CYCLE.state]))
+            if row is not None and state in (State.READY, State.STOPPED) and time.monotonic() > next_request:
+                next_request = time.monotonic() + REQUESTS
+                if state is State.STOPPED:
+                    cause = Cause(int(row[CYCLE.cause]))
+                    why = f"{cause.name.lower()} {layout.culprit(cause, int(row[CYCLE.culprit]))}".strip()
+                    made.resets[why] = made.resets.get(why, 0) + 1
+                send_request(where, "start" if state is State.READY else "reset")
             if sys.stderr.isatty():
                 print(f"\r{at / 60:6.1f} of {seconds / 60:g} min, lost {made.lost} ", end="", file=say, flush=True)
             time.sleep(PERIOD)
@@ -215,6 +234,15 @@ def _children(pid: int) -> dict[str, int]:
             line = Path(f"/proc/{child}/cmdline").read_bytes().decode(errors="replace").split("\0")
             found |= {name: int(child) for name in _MODULES if f"runtime.{name}" in line}
     return found
+
+
+def _first() -> list[str]:
+    """What gives a command the twins' priority; nothing where that isn't allowed."""
+    command = ["chrt", "-f", str(PRIORITY)]
+    with suppress(OSError):
+        if not subprocess.run([*command, "true"], stderr=subprocess.DEVNULL, check=False).returncode:
+            return command
+    return []
 
 
 def _set(overrides: list[str]) -> list[str]:

@@ -193,7 +193,7 @@ def _fill(run: LiveRun, rng: np.random.Generator) -> None:
     inside = run.kept.parent / "filler"
     with contextlib.suppress(OSError), inside.open("wb", buffering=0) as filler:
         while True:
-            filler.write(bytes(4096))
+            filler.write(bytes(65536))
     mark = run.cycles
     run.until(lambda: run.cycles > mark + 150, "further rows")
     inside.unlink()
@@ -225,7 +225,7 @@ FAULTS: Final = {
     "folder-deleted-killed": ProcessFault("the run folder deleted, the loop killed", _delete_and_kill, DIES, 0.1, (1,)),
     "flood": ProcessFault("two clients that send resets without a pause, and a person's stop", _flood, STOPS, 0.25),
     "hostile": ProcessFault("hostile payloads at every socket, and a person's stop", _hostile, STOPS, 0.25),
-    "disk-full": ProcessFault("the recording's disk full for a while", _fill, GOES_ON, small="record", room="24m"),
+    "disk-full": ProcessFault("the recording's disk full for a while", _fill, GOES_ON, small="record", room="80m"),
     "no-shared-memory": ProcessFault("no shared memory at the start", _nothing, REFUSED, None, (2,), small="run",
                                      room="64k"),
 }  # fmt: skip

@@ -25,13 +25,18 @@ from studies.tasks.task import Value
 
 WARM: Final = (0.2, 1.0)  # s after the processes are there
 AFTER: Final = 0.5  # s that it goes on after a fault that it survives
+# A machine that is too slow for a profile's simulation stops its limb before the fault does.
+PATIENT: Final = ("faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000")
 
 
 def trial(profile: str, parameters: Mapping[str, Any], seed: int) -> dict[str, Value]:
     """Runs one trial; parameters: `profile` (a name, whose text is `profile`), `choices`, `fault`."""
     fault = FAULTS[parameters["fault"]]
     rng = np.random.default_rng(seed)
-    with LiveRun(parameters["profile"], [*parameters["choices"], f"seed={seed}"], fault.small, fault.room) as run:
+    overrides = [*parameters["choices"], f"seed={seed}"]
+    if fault.due in (DIES, ENDS):
+        overrides += PATIENT
+    with LiveRun(parameters["profile"], overrides, fault.small, fault.room) as run:
         if fault.due == REFUSED:
             return _refused(run, fault)
         run.started()
