@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/python -m pytest
 OUT := out
+# Where it is set, each of the tests' thousand processes would compile the whole project anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial lint docs bench bench-quick soak clean
 
