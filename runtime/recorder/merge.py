@@ -21,8 +21,8 @@ from runtime.recording.framing import HEADER, strip, whole
 from runtime.recording.segments import GROWING, append, folder_of, numbered
 from runtime.recording.source import Source, last_row
 
-_TOGETHER = 4  # segments that become one piece, if so many wait: the more at once, the less time each takes
-_AT_THE_END = 16
+_TOGETHER = 2  # segments that become one piece, if so many wait: the more at once, the less time each takes
+_AT_THE_END = 8
 
 
 @dataclass

@@ -16,7 +16,7 @@ from runtime.contracts.errors import RecordingError
 ENDING = ".segments"
 GROWING = "000000.rrd"
 SECONDS = 20.0  # of a segment: the longer, the less its drawing takes, and the more there is to do at the end
-BYTES = 8 << 20  # of its rows before they are packed
+BYTES = 16 << 20  # of its rows before they are packed
 FIRST = 2.0  # s of a process's first segment: what stands before the first rows takes long to make
 
 
