@@ -165,3 +165,20 @@ static int sent_step(double *const *a, int n, double dt, int flag) {
 
 static const Arg sent_args[] = {{"sent", 0, 1, 0}, {"applied", 0, 1, 0}, {"kept", 0, 1, 1}, {NULL, 0, 0, 0}};
 const Law sent_tracker = {"sent-tracker", sent_step, sent_args};
+
+/* -- what has left: Device.publish where a driver reports all elements of a command, or none */
+
+static int left_step(double *const *a, int n, double dt, int flag) {
+    double *found = a[0];
+    int none = 0;
+    (void)dt;
+    (void)flag;
+    for (int i = 0; i < n; i++) none += isnan(found[i]) != 0;
+    if (none == n) return DONE;
+    if (!ordinary(found, n)) return RARE;
+    for (int i = 0; i < n; i++) a[1][i] = found[i], found[i] = NAN;
+    return LIMITED;
+}
+
+static const Arg left_args[] = {{"found", 0, 1, 1}, {"sent", 0, 1, 1}, {NULL, 0, 0, 0}};
+const Law command_left = {"command-left", left_step, left_args};

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.ur.registers import OUTPUTS
 from runtime.contracts import rotation
-from runtime.contracts.compiled import NotCompiledError, Step, bind
+from runtime.contracts.compiled import Step, bind_or_python, undone
 from runtime.contracts.signals import Array
 
 _EFFORT: Final = {"target": "target_moment", "measured": "actual_current_as_torque"}
@@ -68,9 +68,9 @@ class Sample:
         self._integers = b""  # the words, as they came
         body = bytearray(-(-BODY // 8) * 8)
         self._body = memoryview(body)[:BODY]
-        self._take = _bound("ur-take", np.frombuffer(body), self._values)
+        self._take = bind_or_python("ur-take", np.frombuffer(body), self._values)
         self._filled: Mapping[str, Array] | None = None  # what `_fill` writes into
-        self._fill: Step = _python
+        self._fill: Step = undone
 
     def take(self, body: bytes) -> bool:
         """Takes a data message's body. Returns False and changes nothing if a value isn't finite."""
@@ -99,7 +99,7 @@ class Sample:
         """Writes the driver's states into `arrays`; `inputs`: numbers of the digital inputs that are `buttons`."""
         if arrays is not self._filled:
             self._filled = arrays
-            self._fill = _bound("ur-fill", self._values, *(arrays[name] for name in _STATES))
+            self._fill = bind_or_python("ur-fill", self._values, *(arrays[name] for name in _STATES))
         if self._fill(0.0) < 0:
             arrays["position"][:] = self.position
             arrays["velocity"][:] = self.velocity
@@ -109,18 +109,6 @@ class Sample:
             arrays["speed_scaling"][0] = self.speed_scaling
         for i, number in enumerate(inputs):
             arrays["buttons"][i] = self.words.inputs >> number & 1
-
-
-def _bound(name: str, *arrays: Array) -> Step:
-    try:
-        return bind(name, *arrays)
-    except NotCompiledError:
-        return _python
-
-
-def _python(_dt: float) -> int:
-    """In place of the function in C: it has done nothing."""
-    return -1
 
 
 def fill_pose(tool: list[float], out: Array) -> None:

@@ -79,6 +79,19 @@ def bind(name: str, *arrays: Array) -> Step:
     return step
 
 
+def bind_or_python(name: str, *arrays: Array) -> Step:
+    """As `bind`; where that can't be: `undone`."""
+    try:
+        return bind(name, *arrays)
+    except NotCompiledError:
+        return undone
+
+
+def undone(dt: float, flag: bool = False) -> int:
+    """In place of a C function: -1, so Python must, each time."""
+    return -1
+
+
 def numbers(*values: Any) -> Array:
     """One contiguous array of all values, in order: the constants of a law."""
     return np.concatenate([np.ravel(np.asarray(value, np.float64)) for value in values])

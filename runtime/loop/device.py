@@ -16,6 +16,7 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.contracts.compiled import bind_or_python
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError, SrlError
 from runtime.contracts.signals import Stop
@@ -56,6 +57,9 @@ class Device:
         self.words[DEVICE.stamp] = -1
         # What the arrays of `sent_arrays` hold while nothing has left.
         self._nothing = [np.full(a.command.shape, nan).tobytes() for a in actuators]
+        self._leave = [  # in C: what left goes into the row, and the driver's array is cleared
+            bind_or_python("command-left", driver.sent_arrays[a.command.name], a.sent) for a in actuators
+        ]
         self.framed = type(driver).stop_frames is not Driver.stop_frames
         self._always_good = type(driver).frames_good_for is Driver.frames_good_for
         self._report = report
@@ -120,7 +124,10 @@ class Device:
 
     def _take_sent(self) -> None:
         left = False
-        for actuator, nothing in zip(self.actuators, self._nothing, strict=True):
+        for actuator, nothing, leave in zip(self.actuators, self._nothing, self._leave, strict=True):
+            if (done := leave(0.0)) >= 0:
+                left = left or done > 0
+                continue
             found = self.driver.sent_arrays[actuator.command.name]
             if found.tobytes() == nothing:
                 continue

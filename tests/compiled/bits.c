@@ -17,7 +17,7 @@ static double number(void) {
 
 int main(void) {
     const Law *laws[] = {&tool_pose,      &admittance,   &moca_impedance, &torque_guard, &velocity_guard,
-                         &position_guard, &sent_tracker, &ur_take,        &ur_fill,
+                         &position_guard, &sent_tracker, &command_left,   &ur_take,      &ur_fill,
                          &felt_wrench};
     for (size_t i = 0; i < sizeof laws / sizeof *laws; i++) {
         uint64_t hash = 1469598103934665603u;

@@ -5,14 +5,12 @@ from __future__ import annotations
 import struct
 
 import numpy as np
-import pytest
 from helpers.compiled import ODD, needs_c
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ur import sample as module
 from drivers.ur.sample import Sample
-from runtime.contracts.compiled import NotCompiledError
+from runtime.contracts.compiled import undone
 
 pytestmark = needs_c
 SIZES = {"position": 6, "velocity": 6, "effort": 6, "wrench": 6, "pose": 7, "speed_scaling": 1}
@@ -26,13 +24,8 @@ def body(numbers: list[float], integers: tuple[int, ...]) -> bytes:
 
 
 def in_python() -> Sample:
-    def refuses(*_: object) -> None:
-        raise NotCompiledError("")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "bind", refuses)
-        sample = Sample()
-        sample.fill({name: np.zeros(size) for name, size in SIZES.items()}, ())
+    sample = Sample()
+    sample._take = undone
     return sample
 
 
@@ -40,7 +33,7 @@ def in_python() -> Sample:
 def test_a_sequence_of_packets(packets: list[tuple[list[float], tuple[int, ...]]]) -> None:
     samples = in_python(), Sample()
     states = [{name: np.zeros(size) for name, size in SIZES.items()} for _ in samples]
-    samples[0]._filled = states[0]
+    samples[0]._filled, samples[0]._fill = states[0], undone
     for numbers, integers in packets:
         outcomes = []
         for sample, arrays in zip(samples, states, strict=True):
