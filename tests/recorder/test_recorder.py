@@ -25,6 +25,8 @@ from runtime.recorder.process import Recorder
 from runtime.recording.reader import read
 from runtime.recording.segments import folder_of
 
+START = 120.0  # s that a recorder may take to begin on a busy machine
+
 
 def start_writer(folder: Path, rows: int, rate: float, extra: int = 40) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "helpers.recording", str(folder), str(rows), str(rate), str(extra)]
@@ -59,7 +61,7 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
         ring = RingReader(run / "rows.ring")
         for goal in kills:
             recorder = start_recorder(run, out)
-            until(lambda goal=goal: ring.consumed >= goal)
+            until(lambda goal=goal: ring.consumed >= goal, timeout=START)
             recorder.send_signal(signal.SIGKILL)
             recorder.wait()
         recorder = start_recorder(run, out)
@@ -137,7 +139,7 @@ def test_a_stop_signal_is_outlived_until_the_loop_is_silent(tmp_path: Path) -> N
     recorder = start_recorder(run.path, tmp_path / "out.rrd")
     try:
         write_run(run, ring, events, layout, 200, 0)
-        until(lambda: ring.consumed == 200)
+        until(lambda: ring.consumed == 200, timeout=START)
         recorder.send_signal(signal.SIGTERM)
         write_run(run, ring, events, layout, 300, 500.0, first=201)
         assert recorder.wait(30) == 0
