@@ -17,6 +17,8 @@ from helpers.wait import until
 from runtime.bus.client import connect
 from runtime.cli import main
 from runtime.contracts.errors import RequestError
+from runtime.ipc.control_socket import send_note
+from runtime.ipc.events import EventReader
 from runtime.ipc.words import Cause, State
 from runtime.recording.reader import read
 from runtime.recording.segments import folder_of, listed
@@ -129,6 +131,9 @@ def test_stop_reset_and_start_reach_the_loop(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--set", "bus=null") as run:
         run.started()
         run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        assert send_note(run.run_folder, "old.rrd was deleted")
+        events = EventReader(run.run_folder.events)
+        run.until(lambda: any(event.text == "old.rrd was deleted" for event in events.take()), "the note's event")
         assert "stopp" in call(tmp_path, "stop").stdout
         run.until(lambda: run.word("state") == State.STOPPED, "the stop")
         assert call(tmp_path, "start", code=2).stderr  # not ready but stopped: refused, with the reason
