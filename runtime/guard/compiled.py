@@ -116,8 +116,8 @@ class _Torque(_Compiled):
         return True
 
     def _leave(self) -> None:
-        guard = self._guard
-        guard._g, guard._held = self._g.tolist(), [None] * guard.size
+        self._guard._g = self._g.tolist()
+        self._guard._release()
 
 
 class _Velocity(_Compiled):

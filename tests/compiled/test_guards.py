@@ -138,3 +138,24 @@ def test_what_it_does_not_do_is_named() -> None:
         Side(Kind.POSITION, 2, {"velocity": 1.0, "acceleration": 5.0, "jerk": 100.0}, False, False, True)
     with pytest.raises(NotCompiledError, match="17 joints"):
         Side(Kind.VELOCITY, 17, {"velocity": 1.0, "acceleration": 5.0}, False, False, True)
+
+
+@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD])
+def test_a_stop_in_c_knows_nothing_of_the_stop_before(category: Stop) -> None:
+    """The homing before a motion is a stop, too: at rest, and as long as the slowest limb takes."""
+    given = {"velocity": 2.0, "effort": 10.0, "effort_rate": 2000.0, "inertia": 2.0}
+    sides = [Side(Kind.TORQUE, 1, given, True, False, fast) for fast in (False, True)]
+    for side in sides:
+        side.guard.reset(np.zeros(1))
+    for cycle in range(1000):
+        for side in sides:
+            a = side.arrays
+            speed = 0.0 if cycle < 200 else 1.5 * 0.999 ** max(cycle - 300, 0)
+            a["velocity"][:], a["position"][:] = speed, a["position"] + speed * DT
+            if 200 <= cycle < 300:
+                side.guard.step(a["asked"], None, DT)
+            else:
+                side.guard.stop(Stop.HOLD if cycle < 200 else category, DT)
+            if cycle >= 300:
+                assert not side.guard.at_rest
+        assert bits(sides[0].arrays["applied"]) == bits(sides[1].arrays["applied"])
