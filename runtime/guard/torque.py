@@ -17,8 +17,8 @@ FADE = 0.25  # of the velocity limit: range below it in which effort that would 
 HOLD_TIME = 0.2  # s: damping divided by stiffness of the hold
 LAG = 4  # periods of delay from a velocity to its torque that a damped joint surely tolerates, at half its margin
 STILL = 0.02  # of the velocity limit: a slower joint is at rest
-LINGER = 0.1  # s of damping in which a joint's own motion becomes slower by SLOWS, or something else moves it
-SLOWS = 0.05  # share of the speed
+SPAN = 0.1  # s of damping in which a joint's own motion becomes slower by SLOWS, or something else moves it
+SLOWS = 0.05  # share of the mean speed
 
 
 class Barrier(NamedTuple):
@@ -49,6 +49,34 @@ class Barrier(NamedTuple):
         return least, most
 
 
+class Span:
+    """How fast a joint is on average in a SPAN, and in the one before: a measured speed is too coarse by itself.
+
+    Attributes:
+        begun: it has been given a speed.
+        led: it isn't becoming slower, so something else moves it.
+    """
+
+    __slots__ = ("_before", "_time", "_way", "begun", "led")
+
+    def __init__(self) -> None:
+        self.begun = self.led = False
+        self._way = self._time = 0.0
+        self._before = inf
+
+    def add(self, speed: float, dt: float, damped: bool) -> None:
+        """Takes a cycle of dt s at this speed, rad/s. `damped`: damping acted as it is meant to."""
+        self.begun = True
+        if not damped:
+            self.led, self._before, self._way, self._time = False, inf, 0.0, 0.0
+            return
+        self._way, self._time = self._way + speed * dt, self._time + dt
+        if self._time >= SPAN:
+            mean = self._way / self._time
+            self.led = mean >= (1 - SLOWS) * self._before
+            self._before, self._way, self._time = mean, 0.0, 0.0
+
+
 class TorqueGuard(CommandGuard):
     """Limits a torque by the effort, its change by the effort rate, and keeps joints away from their limits.
 
@@ -68,8 +96,9 @@ class TorqueGuard(CommandGuard):
     each joint's own motion was over, with stiffness d/HOLD_TIME. `brake` and `retract` act as `hold`. All stops stay
     within effort and rate.
 
-    A joint's own motion is over when it is still, or when damping hasn't made it slower for LINGER: then a hand or a
-    load moves it on. So `damp` is complete while a hand leads the limb, and `hold` doesn't creep under a steady force.
+    A joint's own motion is over when it is still, or no slower on average in a SPAN of damping than in the one before:
+    then a hand or a load moves it on. So `damp` is complete while a hand leads the limb, and `hold` doesn't creep under
+    a steady force. What a hand lets go moves by itself again.
     """
 
     needs = ("velocity", "effort", "effort_rate", "inertia")
@@ -85,8 +114,7 @@ class TorqueGuard(CommandGuard):
             )
         self._g = [0.0] * self.size  # the newest finite value
         self._held: list[float | None] = [None] * self.size
-        self._slowest = [inf] * self.size  # rad/s, of this stop
-        self._lingers = [0.0] * self.size  # s of damping since then
+        self._spans = [Span() for _ in range(self.size)]
         self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured values, read by `_sensed`
         self._barriers = [self._barrier(i) for i in range(self.size)]
 
@@ -153,22 +181,19 @@ class TorqueGuard(CommandGuard):
 
     def _release(self) -> None:
         """Forgets what a stop holds, and how it went."""
-        if self._slowest[0] < inf:
-            self._held, self._slowest = [None] * self.size, [inf] * self.size
-            self._lingers = [0.0] * self.size
+        if self._spans[0].begun:
+            self._held, self._spans = [None] * self.size, [Span() for _ in range(self.size)]
 
     def _over(self, i: int) -> bool:
         """Whether a joint's own motion is over; see the class's docstring."""
-        return abs(self._qd[i]) <= STILL * self._barriers[i].V or self._lingers[i] > LINGER
+        return abs(self._qd[i]) <= STILL * self._barriers[i].V or self._spans[i].led
 
     def _watch(self, wanted: list[float], dt: float) -> None:
-        """Counts how long each joint was no slower than it has been, under the torque that is wanted."""
+        """Follows how fast each joint is under the torque that is wanted."""
         applied = self.applied.ravel().tolist()
-        for i, (tau, asked, w) in enumerate(zip(applied, wanted, self._qd, strict=True)):
-            if abs(w) < (1 - SLOWS) * self._slowest[i]:
-                self._slowest[i], self._lingers[i] = abs(w), 0.0
-            elif abs(tau - asked) <= self.tolerance:  # else the rate still keeps the damping back, or the barrier acts
-                self._lingers[i] += dt
+        for span, tau, asked, w in zip(self._spans, applied, wanted, self._qd, strict=True):
+            # A torque that isn't: the rate still keeps the damping back, or the barrier acts.
+            span.add(abs(w), dt, abs(tau - asked) <= self.tolerance)
 
     def _apply(self, wanted: list[float], dt: float, sighted: bool = True) -> None:
         out = []

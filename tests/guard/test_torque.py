@@ -123,6 +123,25 @@ def test_a_stop_is_over_though_a_hand_moves_the_joint_on(category):
         assert joint.tau[0] == pytest.approx(-5.0 * joint.qd[0], rel=0.1)  # it gives way as before
 
 
+@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD])
+def test_a_joint_that_a_hand_lets_go_moves_by_itself(category):
+    """Pushed for a moment, it coasts; the other one is pushed on all the time."""
+    limits = {"lower": -9.0, "upper": 9.0, "velocity": V, "effort": E, "effort_rate": RATE, "inertia": 2.0}
+    guard = guard_of(Kind.TORQUE, 2, DT, **limits)
+    q, qd, tau = np.zeros(2), np.array([0.1, 1.9]), np.zeros(2)
+    guard.bind(tau, q, qd)
+    guard.reset(q)
+    for cycle in range(3000):
+        guard.stop(Stop.DAMP if cycle < 500 else category, DT)
+        if cycle > 600 and guard.at_rest:
+            break
+        qd += (tau + np.array([16.0 * (cycle < 150), 4.0])) / 2.0 * DT
+        q += qd * DT
+        if cycle > 600 and category is Stop.HOLD:
+            assert tau[0] == pytest.approx(-5.0 * qd[0], rel=0.05) or abs(qd[0]) < 0.05  # no spring yet
+    assert abs(qd[0]) <= 0.021 * V
+
+
 def test_hold_doesnt_creep_under_a_steady_force():
     joint = Joint()
     for _ in range(2000):
