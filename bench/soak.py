@@ -167,7 +167,7 @@ def soak(name: str, sim: bool, minutes: float, rate: float, overrides: list[str]
             command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--json"]
             watched["twins"] = stack.enter_context(_begun(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
-        own = [f"rate={rate:g}", "clock=monotonic", "faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
+        own = [f"rate={rate:g}", "faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
         more = ["--instance", "soak", "--json", "--record", str(folder / "soak.rrd"), *_set(own)]
         with (folder / "said").open("w+") as said:
             run = watched["supervisor"] = stack.enter_context(_begun([*_SRL, *arguments, *more], said))
