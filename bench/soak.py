@@ -1,6 +1,6 @@
 """A long run on twins: whether memory grows, descriptors stay open, the loop's pages fault, or cycles are lost.
 
-    python -m bench.soak                          # an hour of moca-man at 250 Hz
+    python -m bench.soak                          # an hour of moca-man
     python -m bench.soak --minutes 10 --sim       # fakes in the loop's process, where the twins can't keep up
 
 The twins are a process of their own, so the loop holds drivers and no simulation. An overrun is counted and doesn't
@@ -130,6 +130,7 @@ class Soak:
     """What came about.
 
     Attributes:
+        rate: of the loop, Hz.
         seconds: how long it was watched.
         cycles, active: cycles that were seen, and in how many of them the limb was active.
         lost: periods that the loop missed; rows that overtook this reader are in `unseen`.
@@ -138,6 +139,7 @@ class Soak:
     """
 
     processes: dict[str, Watched] = field(default_factory=dict)
+    rate: float = 0.0
     seconds: float = 0.0
     cycles: int = 0
     active: int = 0
@@ -148,7 +150,7 @@ class Soak:
     summary: dict[str, Any] = field(default_factory=dict)
 
 
-def soak(name: str, sim: bool, minutes: float, rate: float, overrides: list[str], say: IO[str]) -> Soak:
+def soak(name: str, sim: bool, minutes: float, rate: float | None, overrides: list[str], say: IO[str]) -> Soak:
     """Runs it. Raises HostError: the twins didn't begin."""
     made = Soak()
     if name == PROFILE:
@@ -167,7 +169,9 @@ def soak(name: str, sim: bool, minutes: float, rate: float, overrides: list[str]
             command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--json"]
             watched["twins"] = stack.enter_context(_begun(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
-        own = [f"rate={rate:g}", "faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
+        own = ["faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
+        if rate is not None:
+            own += [f"rate={rate:g}", "clock=monotonic"]
         more = ["--instance", "soak", "--json", "--record", str(folder / "soak.rrd"), *_set(own)]
         with (folder / "said").open("w+") as said:
             run = watched["supervisor"] = stack.enter_context(_begun([*_SRL, *arguments, *more], said))
@@ -192,6 +196,8 @@ def _watch(
             raise HostError("soak", "the run didn't begin", "Look at what it said")
         time.sleep(0.1)
     layout = Layout.load(where.layout)
+    numerator, denominator = layout.meta["rate"]
+    made.rate = numerator / denominator
     begun = next_request = time.monotonic()
     with RingReader(where.rows) as reader:
         while (at := time.monotonic() - begun) < seconds:
@@ -293,7 +299,7 @@ def main() -> int:
     parser.add_argument("profile", nargs="?", default=PROFILE, help="all of its devices must have twins (%(default)s)")
     parser.add_argument("--minutes", type=float, default=60.0, help="how long (%(default)g)")
     parser.add_argument("--warm-up", type=float, default=60.0, metavar="S", help="that don't count (%(default)g)")
-    parser.add_argument("--rate", type=float, default=250.0, help="Hz of the loop (%(default)g)")
+    parser.add_argument("--rate", type=float, help="Hz, by the computer's clock; default: the profile's own")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for srl run")
     parser.add_argument("--sim", action="store_true", help="fakes in the loop's process in place of twins")
     parser.add_argument("--json", action="store_true", help="one JSON object")
@@ -308,7 +314,7 @@ def main() -> int:
     good = not made.ended and whole and not made.lost and "loop" in lines and not lines["loop"].main
     good &= all(line.open_ended <= line.open_begun for line in lines.values())
     figures = {
-        "profile": args.profile, "on": "fakes" if args.sim else "twins", "rate_hz": args.rate,
+        "profile": args.profile, "on": "fakes" if args.sim else "twins", "rate_hz": made.rate,
         "minutes": round(made.seconds / 60, 1), "cycles": made.cycles, "active": made.active, "lost": made.lost,
         "unseen": made.unseen, "resets": made.resets, "recording_complete": whole,
         "restarts": made.summary.get("restarts"), "ended_early": made.ended, "good": good,
