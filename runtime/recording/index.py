@@ -81,7 +81,10 @@ def entries(folder: Path, rebuild: bool = False, report: Callable[[str], None] =
 
 
 def made_of(path: Path) -> list[Path]:
-    """The pictures and exports beside a recording: files of its name. No links, nothing write-protected."""
+    """The pictures and exports beside a recording: files of its name. No links, nothing write-protected.
+
+    Nothing that is older than it, either: a motion capture or a form of the same trial wasn't made of it.
+    """
     name = path.name.removesuffix(".segments")
     if not name.endswith(".rrd") or (name != path.name and path.with_name(name).exists()):
         return []  # a black box; or the finished recording's
@@ -90,8 +93,8 @@ def made_of(path: Path) -> list[Path]:
     for ending in MADE_OF:
         file = path.with_name(stem + ending)
         with contextlib.suppress(OSError):
-            state = file.lstat()
-            if stat.S_ISREG(state.st_mode) and state.st_mode & stat.S_IWUSR:
+            state, ended = file.lstat(), path.stat().st_mtime_ns
+            if stat.S_ISREG(state.st_mode) and state.st_mode & stat.S_IWUSR and state.st_mtime_ns >= ended:
                 found.append(file)
     return found
 

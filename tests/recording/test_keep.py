@@ -110,9 +110,11 @@ def test_pictures_and_exports_go_with_their_recording_and_nothing_else_does(tmp_
         (tmp_path / name).write_bytes(b"x")
     (tmp_path / "old.svg").chmod(0o440)
     (tmp_path / "old.gif").symlink_to(tmp_path / "older.png")
+    (tmp_path / "old.c3d").write_bytes(b"what the cameras of the lab saw in the same trial")
+    os.utime(tmp_path / "old.c3d", ns=((tmp_path / "old.rrd").stat().st_mtime_ns - 1,) * 2)
     said: list[str] = []
     make_room(tmp_path, Keep(days=30.0), (), said.append)
-    assert names(tmp_path) == ["old.gif", "old.svg", "old.yaml", "older.png"]
+    assert names(tmp_path) == ["old.c3d", "old.gif", "old.svg", "old.yaml", "older.png"]
     assert "old.rrd was deleted with old.png, old.parquet" in said[0]
     assert json.loads((tmp_path / LEDGER).read_text())["with"] == ["old.png", "old.parquet"]
 
