@@ -19,15 +19,19 @@ from runtime import __version__
 from runtime.contracts.controller import Controller
 from runtime.contracts.signals import Array
 
-extension: Any
-try:
-    extension, _missing = importlib.import_module("runtime._compiled"), ""
-except ImportError as error:  # built without a compiler, or for another machine
-    extension, _missing = None, f"the laws in C aren't installed: {error}"
-
 Backend = Literal["auto", "c", "python"]
 Step = Callable[..., int]
 PYTHON: Final = "python"
+
+
+def _load() -> tuple[Any, str, bool]:
+    """The extension, or None with why, and whether there is one that is old."""
+    try:
+        found = importlib.import_module("runtime._compiled")
+    except ImportError as error:  # built without a compiler, or for another machine
+        return None, f"the laws in C aren't installed: {error}", False
+    old = stale(found)
+    return (None, old, True) if old else (found, "", False)
 
 
 class NotCompiledError(Exception):
@@ -35,23 +39,31 @@ class NotCompiledError(Exception):
 
 
 def missing() -> str:
-    """Why there is no C here; "" if there is."""
+    """Why no C is used here; "" if it is."""
     return _missing
 
 
-def stale(sources: Path = Path(__file__).parents[2] / "native") -> str:
-    """Why the C here isn't that of the package's Python; "" if it is, or if there is none.
+def is_old() -> bool:
+    """Whether there is C here, but another than that of the package's Python."""
+    return _old
 
-    `sources`: where they are, if the package is a checkout.
+
+def stale(found: Any, sources: Path = Path(__file__).parents[2] / "native") -> str:
+    """Why this C isn't that of the package's Python, so that it would compute something else; "" if it is.
+
+    Args:
+        found: the extension.
+        sources: where its sources are, if the package is a checkout.
     """
-    if extension is None:
-        return ""
-    version = getattr(extension, "version", "")
+    version = getattr(found, "version", "")
     if version != __version__:
         return f"the C here is of {version or 'an older version'}, the package of {__version__}"
-    built = Path(extension.__file__).stat().st_mtime
+    built = Path(found.__file__).stat().st_mtime
     newer = sorted(path.name for path in sources.glob("*.[ch]") if path.stat().st_mtime > built)
     return f"the C here is older than its source: {', '.join(newer)}" if newer else ""
+
+
+extension, _missing, _old = _load()
 
 
 def available() -> str:

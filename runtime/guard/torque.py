@@ -160,11 +160,14 @@ class TorqueGuard(CommandGuard):
         out = []
         for i, (g, barrier) in enumerate(zip(self._g, self._barriers, strict=True)):
             if blind or category is Stop.LIMP:
+                self._held[i] = None
                 out.append(g)
                 continue
             d = barrier.d
             tau = -d * qd[i]
-            if category is not Stop.DAMP:
+            if category is Stop.DAMP:
+                self._held[i] = None  # it moves on: a hold after this is at another place
+            else:
                 held = self._held[i]
                 if held is None and self._over(i):
                     held = self._held[i] = q[i]

@@ -27,11 +27,12 @@ _AT_THE_END = 8
 
 @dataclass
 class _Piece:
-    """What segments become: bytes for the growing file, the row with which they end, and the events in them."""
+    """What segments become: bytes for the growing file, the last of their rows, how many are new, and the events."""
 
     segments: Sequence[Path]
     data: bytes = b""
     last: int = 0
+    rows: int = 0
     events: set[int] = field(default_factory=set)
 
 
@@ -55,6 +56,7 @@ class Merger:
         self._kept = f"The segments are kept and can be read as they are: {self.path.parent}"
         self._file: int | None = None
         self._size = self._last = 0
+        self.rows = 0  # in the growing file
         self._sent: set[int] = set()
         self._piece: _Piece | None = None  # what couldn't be written yet
         self._stream: Stream | None = None
@@ -67,7 +69,7 @@ class Merger:
             RecordingError: one can't be read whole, or the recording can't be written. It and those after it stay.
         """
         try:
-            if self._file is None and segments:
+            if self._file is None and (segments or (self._ending and self.path.exists())):
                 self._open()
             if self._piece is not None:
                 self._add(self._piece)
@@ -117,7 +119,9 @@ class Merger:
         file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
         try:
             self._size, self._last = whole(self.path), last_row(self.path)
-            if not self._last:
+            if self._last:
+                self.rows = sum(len(sequence) for sequence, _ in Source([self.path]).blocks())
+            else:
                 source = Source([self.path])
                 if not any(True for _ in source.blocks()) and not source.events:
                     self._size = 0  # torn in what comes before the first rows
@@ -162,7 +166,7 @@ class Merger:
             return None
         self._stream.draw(sequence[new], rows)
         data += strip(self._binary.read())
-        return _Piece(segments, data, int(sequence[-1]) if len(sequence) else 0, set(events))
+        return _Piece(segments, data, int(sequence[-1]) if len(sequence) else 0, len(rows), set(events))
 
     def _plain(self, segments: Sequence[Path]) -> bytes:
         """The messages of segments as they are; nothing if another process began one of them."""
@@ -194,7 +198,7 @@ class Merger:
         piece.data = b""  # it isn't written again if a segment can't be removed
         for segment in piece.segments:
             segment.unlink(missing_ok=True)
-        self._last = max(self._last, piece.last)
+        self._last, self.rows = max(self._last, piece.last), self.rows + piece.rows
         self._sent |= piece.events
         self._piece = None
 

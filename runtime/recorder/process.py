@@ -91,8 +91,8 @@ class Recorder:
         finally:
             self._merger.close()
             os.close(self._claim)
-        if self._lost:
-            say(f"{self._target}: {self._ring.head - self._lost} rows, {self._lost} were lost")
+        if lost := self._ring.consumed - self._merger.rows:  # also by a recorder before this one
+            say(f"{self._target}: {self._merger.rows} rows, {lost} were lost")
             return INCOMPLETE
         return WELL
 

@@ -169,6 +169,21 @@ def test_hold_springs_back_to_where_it_came_to_rest():
     assert joint.q[0] == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.parametrize("between", [Stop.DAMP, Stop.LIMP])
+def test_held_again_it_holds_where_it_has_gone_meanwhile(between):
+    joint = Joint()
+    for _ in range(200):
+        joint.stop(Stop.HOLD)
+    for _ in range(500):  # a hand leads it on
+        joint.stop(between)
+        joint.qd += 3.0 / joint.inertia * DT
+    led = joint.q[0]
+    for _ in range(3000):
+        joint.stop(Stop.HOLD)
+    assert led > 0.1
+    assert joint.q[0] > 0.95 * led  # not back to where it was held before
+
+
 def test_limp_ramps_to_gravity_compensation_only():
     joint = Joint(load=3.0)
     for _ in range(10):

@@ -21,9 +21,10 @@ from runtime.contracts.errors import RecordingError
 from runtime.ipc.ring import RingReader
 from runtime.recorder import __main__ as command
 from runtime.recorder import process
+from runtime.recorder.merge import Merger
 from runtime.recorder.process import Recorder
 from runtime.recording.reader import read
-from runtime.recording.segments import folder_of
+from runtime.recording.segments import folder_of, numbered
 
 START = 120.0  # s that a recorder may take to begin on a busy machine
 
@@ -169,6 +170,36 @@ def test_a_restart_goes_on_from_the_ring_without_reading_the_segments(tmp_path: 
     recording = read(out)
     assert np.array_equal(recording.sequence, np.arange(1, 401))
     assert np.array_equal(recording.rows, expected(layout, 400))
+
+
+def test_what_a_recorder_lost_before_it_was_killed_is_told_at_the_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    layout, out = make_layout(), tmp_path / "out.rrd"
+    run, ring, _ = make_run(tmp_path / "run", layout)
+    for row in expected(layout, 400):
+        ring.append(row)
+    make_segments(folder_of(out), layout, 200)
+    RingReader(run.rows, marks=True).set_consumed(300)  # 201 to 300 were overwritten before it took them
+    ring.finish()
+    assert Recorder(run, out).run() == 1
+    assert "300 rows, 100 were lost" in capsys.readouterr().err
+    assert read(out).missing == [(201, 300)]
+
+
+def test_what_was_merged_before_is_counted(tmp_path: Path) -> None:
+    layout, out = make_layout(), tmp_path / "out.rrd"
+    run, ring, _ = make_run(tmp_path / "run", layout)
+    for row in expected(layout, 400):
+        ring.append(row)
+    prologue = make_segments(folder_of(out), layout, 400)
+    merger = Merger(out, run.layout.read_text(), prologue)
+    merger.merge(numbered(folder_of(out)))
+    merger.close()
+    RingReader(run.rows, marks=True).set_consumed(400)  # killed before it put the recording in its place
+    ring.finish()
+    assert Recorder(run, out).run() == 0
+    assert np.array_equal(read(out).sequence, np.arange(1, 401))
 
 
 @pytest.mark.parametrize(("arguments", "reason"), [([], "--out"), (["--out", "run.rrd"], "no run is here")])

@@ -271,24 +271,27 @@ def test_keys_that_others_read_and_certificates_of_others_are_doubted(tmp_path: 
     assert "can't be read" in said(*whole)[0][1]
 
 
-def test_c_of_another_version_is_found_with_how_to_build_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_c_of_another_version_is_not_used_and_is_found_with_how_to_build_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     built = tmp_path / "_compiled.abi3.so"
     built.touch()
     made = SimpleNamespace(compiler="gcc", version=__version__, __file__=str(built))
-    monkeypatch.setattr(compiled, "extension", made)
-    monkeypatch.setattr(compiled, "_missing", "")
     (tmp_path / "law.c").touch()
     os.utime(built, (2e9, 2e9))
-    assert compiled.stale(tmp_path) == ""
+    assert compiled.stale(made, tmp_path) == ""
     os.utime(tmp_path / "law.c", (2e9 + 1, 2e9 + 1))
-    assert compiled.stale(tmp_path) == "the C here is older than its source: law.c"
+    assert compiled.stale(made, tmp_path) == "the C here is older than its source: law.c"
+    assert f'-DSRL_VERSION="{__version__}"' in (ROOT / "pyproject.toml").read_text()  # else all would be found stale
     made.version = "0.0.9"
+    monkeypatch.setattr(compiled.importlib, "import_module", lambda name: made)
+    for name, value in zip(("extension", "_missing", "_old"), compiled._load(), strict=True):
+        monkeypatch.setattr(compiled, name, value)
+    with pytest.raises(compiled.NotCompiledError, match=r"is of 0\.0\.9"):
+        compiled.bind("law")
     finding = processor.laws()
     assert (finding.verdict, finding.found) == ("doubtful", f"the C here is of 0.0.9, the package of {__version__}")
     assert shlex.split(finding.command)[1:4] == ["-m", "pip", "install"]
-    del made.version
-    assert "of an older version" in processor.laws().found
-    assert f'-DSRL_VERSION="{__version__}"' in (ROOT / "pyproject.toml").read_text()  # else all would be found stale
 
 
 def test_rows_that_a_dead_run_left_are_found_and_those_of_others_are_not(

@@ -113,16 +113,16 @@ def governor() -> Finding:
 
 def laws() -> Finding:
     """Whether the laws in C are there, and those of this package."""
-    if why := compiled.stale():
+    if not compiled.missing():
+        return Finding("laws and guards", "good", compiled.available())
+    if compiled.is_old():
         # A checkout is built where it is; what is installed comes again.
         checkout = Path(compiled.__file__).parents[2]
         package = f"-e {shlex.quote(str(checkout))}" if (checkout / "native").exists() else "srl-runtime"
         return Finding(
-            "laws and guards", "doubtful", why, "They may compute something else than the Python beside them",
+            "laws and guards", "doubtful", compiled.missing(), "Python computes them. Install the package again",
             f"{shlex.quote(sys.executable)} -m pip install --no-deps --force-reinstall {package}",
         )  # fmt: skip
-    if not compiled.missing():
-        return Finding("laws and guards", "good", compiled.available())
     remedy = "Install srl-runtime where there is a C compiler; Python takes about five times as long"
     return Finding("laws and guards", "doubtful", compiled.missing(), remedy, "sudo apt install gcc python3-dev")
 
