@@ -25,7 +25,8 @@
 #define SPELLED(x) TEXT(x)
 
 static const Law *const LAWS[] = {&tool_pose, &admittance, &moca_impedance, &torque_guard, &velocity_guard,
-                                  &position_guard, &sent_tracker, &command_left, &ur_take, &ur_fill, &felt_wrench, NULL};
+                                  &position_guard, &sent_tracker, &command_left, &ur_take, &ur_fill, &felt_wrench,
+                                  &object_mapping, NULL};
 
 typedef struct {
     PyObject_HEAD

@@ -18,7 +18,7 @@ static double number(void) {
 int main(void) {
     const Law *laws[] = {&tool_pose,      &admittance,   &moca_impedance, &torque_guard, &velocity_guard,
                          &position_guard, &sent_tracker, &command_left,   &ur_take,      &ur_fill,
-                         &felt_wrench};
+                         &felt_wrench,    &object_mapping};
     for (size_t i = 0; i < sizeof laws / sizeof *laws; i++) {
         uint64_t hash = 1469598103934665603u;
         int done = 0;
@@ -48,6 +48,27 @@ int main(void) {
                     limits[3] = 1.0;
                     arrays[0][k] += 1e-7 * number();
                 }
+            if (laws[i] == &object_mapping) { /* all fingertips, two of them as far apart as the sphere is wide, and a short finger */
+                double *options = arrays[4], *reference = arrays[6], *at = arrays[7];
+                for (int k = 0; k < 5; k++) options[1 + k] = k;
+                options[0] = 5.0;
+                options[6] = run & 2;
+                options[8] = 1e-3 * fabs(options[8]);
+                for (int k = 0; k < 15; k++) {
+                    arrays[1][k] += k == 0 ? 9.0 : k == 3 ? -9.0 : k == 7 || k == 11 ? 6.0 : 0.0;
+                    at[k] = arrays[1][k] + 1e-2 * number();
+                    reference[6 + k] = at[k] + 1e-2 * number();
+                }
+                at[21] = 2.0;
+                at[22] = 0.0;
+                at[23] = 1.0;
+                for (int k = 0; k < n; k++) { /* limits at which some joints are held */
+                    double *row = arrays[5] + 6 * k;
+                    row[2] *= 0.1;
+                    row[3] = arrays[0][k] - 1e-2 * fabs(number());
+                    row[5] = arrays[0][k] + 1e-2 * fabs(number());
+                }
+            }
             for (int cycle = 0; cycle < 3; cycle++)
                 done += laws[i]->step(arrays, n, 1e-3, run & 1 && laws[i] != &position_guard) != RARE;
             for (int k = 0; k < count; k++) {

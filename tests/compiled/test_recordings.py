@@ -46,7 +46,20 @@ def in_c(layout: Layout, rows: np.ndarray) -> Comparison:
 def test_the_sixth_finger() -> None:
     layout, rows = recorded("sixth-finger", 300, "python")
     assert replay(layout, rows, "a test").identical
-    assert in_c(layout, rows).identical  # its guard has the same operations
+    assert in_c(layout, rows).identical  # its mapping and its guard have the same operations
+    layout, rows = recorded("sixth-finger", 300, "c")
+    assert layout.meta["backend"]["laws"]["mapping"] == "c"
+    assert replay(layout, rows, "a test").identical
+
+
+@pytest.mark.slow
+def test_the_finger_of_moca_finger() -> None:
+    """The robot's laws make other last bits; the finger's don't."""
+    layout, rows = recorded("moca-finger", 400, "python")  # the hand has begun to close
+    command = layout.value(rows, "finger.position_command")
+    assert np.ptp(command, axis=0).max() > 1e-2
+    found = in_c(layout, rows)
+    assert {n: d for n, d in found.signals.items() if n.startswith(("mapping.", "finger.")) and d} == {}
 
 
 @pytest.mark.slow

@@ -54,9 +54,9 @@ class FingerKinematics:
         """
         self.chain = Chain(base, np.array(model.rows))
         self.n = len(model.rows)
-        self._limits = [(low, 0.5 * (low + high), high) for low, high in zip(model.lower, model.upper, strict=True)]
-        self._damping2 = damping**2
-        self._curvature = 0.5 * sum(abs(a) for _, a in model.rows)
+        self.limits = [(low, 0.5 * (low + high), high) for low, high in zip(model.lower, model.upper, strict=True)]
+        self.damping2 = damping**2
+        self.curvature = 0.5 * sum(abs(a) for _, a in model.rows)
 
     def follow(self, q: list[float], dp: Vector, v: Vector, pull: float) -> tuple[list[float], list[float]]:
         """(5): dq_a = J_a^+ dp_a + N_J chi, within the joint limits, and the rate for the tip's velocity.
@@ -72,13 +72,13 @@ class FingerKinematics:
             dq (n,) rad, dq/dt (n,) rad/s.
         """
         J = self.chain.jacobian()
-        room = [(low - x, high - x) for x, (low, _, high) in zip(q, self._limits, strict=True)]
+        room = [(low - x, high - x) for x, (low, _, high) in zip(q, self.limits, strict=True)]
         # chi and J of the free joints. A held joint has a given step, and its column of J is zero.
-        chi = [pull * (middle - x) for x, (_, middle, _) in zip(q, self._limits, strict=True)]
+        chi = [pull * (middle - x) for x, (_, middle, _) in zip(q, self.limits, strict=True)]
         free = list(J)
         # Near the border of the workspace the tip's displacement is quadratic in the joints: a long step would
         # overshoot.
-        floor = max(self._damping2, self._curvature * sqrt(dot(dp, dp)))
+        floor = max(self.damping2, self.curvature * sqrt(dot(dp, dp)))
         while True:
             # J^+ = J^T (J J^T)^-1, and N_J chi = chi - J^+ J chi
             inverse = raised_inverse(gram(free), floor)
@@ -89,9 +89,8 @@ class FingerKinematics:
             again, dq = False, []
             for j, (low, high) in enumerate(room):
                 step = chi[j] + dot(free[j], way)
-                allowed = low if step < low else high if step > high else step
-                if allowed != step:
-                    chi[j], free[j], again = allowed, _HELD, True
+                if step < low or step > high:  # never true of a NaN, which would be held without end
+                    chi[j], free[j], again = low if step < low else high, _HELD, True
                 dq.append(step)
             if not again:
                 return dq, [dot(column, rate) for column in free]

@@ -6,7 +6,7 @@ Prattichizzo et al., RO-MAN 2014, section II. Errata and additions: docs/object-
 from __future__ import annotations
 
 from itertools import pairwise
-from math import dist, exp, inf, isfinite, sqrt
+from math import exp, inf, isfinite, sqrt
 from operator import add
 from typing import Any, Final, Literal, cast
 
@@ -74,6 +74,7 @@ class ObjectMapping(Controller):
     """
 
     Config = ObjectMappingConfig
+    c_version = "runtime.control.hand.compiled_mapping:CompiledObjectMapping"
     summary = "extra fingers that follow the object held by the human fingertips (Prattichizzo 2014)"
 
     def __init__(self, name: str, config: ObjectMappingConfig) -> None:
@@ -197,8 +198,10 @@ class ObjectMapping(Controller):
         self._locate(q)
 
         last = self._target.copy()
-        moved = (p_h - self._before).ravel()
-        path = sqrt(moved.dot(moved) / len(p_h))  # m, of the fingertips' rms motion
+        squares = 0.0
+        for way in (p_h - self._before).ravel().tolist():
+            squares += way * way
+        path = sqrt(squares / len(p_h))  # m, of the fingertips' rms motion
         if not isfinite(path):
             path = 0.0  # a fingertip that isn't measured moves nothing; damping a NaN would never end
         if path > 0.0 and self._concentric:
@@ -264,8 +267,10 @@ class ObjectMapping(Controller):
         sphere = self._enclosing.around([*self._before.tolist(), *self._tips])
         self.output["sphere"][:] = sphere
         self._radii = min(self._radii[0], sphere[3]), max(self._radii[1], sphere[3])
-        thumb = self.input["tips"][0].tolist()
-        self._nearest = min(self._nearest, *[dist(tip, thumb) for tip in self._tips])
+        a, b, c = self.input["tips"][0].tolist()
+        for x, y, z in self._tips:
+            dx, dy, dz = x - a, y - b, z - c
+            self._nearest = min(self._nearest, sqrt(dx * dx + dy * dy + dz * dz))
 
     def figures(self) -> dict[str, object]:
         """Returns the figures of the run, since the last reset.

@@ -22,16 +22,16 @@ class MinimumSphere:
     """
 
     def __init__(self) -> None:
-        self._support: list[int] = []
+        self.support: list[int] = []
 
     def reset(self) -> None:
         """Forgets the last support."""
-        self._support = []
+        self.support = []
 
     def around(self, cloud: list[Point]) -> tuple[float, float, float, float]:
         """Returns the same as `minimum_sphere`. Each call must have as many points in the same order."""
-        if self._support:
-            p, *others = [cloud[i] for i in self._support]
+        if self.support:
+            p, *others = [cloud[i] for i in self.support]
             found = _circumcentre(p, tuple(others))
             if found is not None and found[1]:
                 centre = found[0]
@@ -39,7 +39,7 @@ class MinimumSphere:
                 if reach2 <= _distance2(p, centre) * (1.0 + _INSIDE):
                     return centre[0], centre[1], centre[2], sqrt(reach2)
         centre, radius, support = _search(cloud)
-        self._support = [cloud.index(p) for p in support]
+        self.support = [cloud.index(p) for p in support]
         return centre[0], centre[1], centre[2], radius
 
 
@@ -133,7 +133,8 @@ def _circumcentre(p: Point, others: tuple[Point, ...]) -> tuple[Point, bool] | N
             0.5 * (b * A + d * D + e * F) / det,
             0.5 * (c * A + e * D + f * F) / det,
         ]
-    x, y, z = p
+    (x, y, z), total = p, 0.0
     for k, (ex, ey, ez) in zip(w, edges, strict=True):
+        total += k  # `sum` rounds otherwise from Python 3.12 on
         x, y, z = x + k * ex, y + k * ey, z + k * ez
-    return [x, y, z], min(w, default=0.0) >= 0.0 and sum(w) <= 1.0
+    return [x, y, z], min(w, default=0.0) >= 0.0 and total <= 1.0

@@ -6,6 +6,7 @@ robotic points, c the centroid of p_h, o and r the virtual sphere's centre and r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from math import sqrt
 from typing import Final, cast
@@ -14,7 +15,18 @@ import numpy as np
 
 from runtime.contracts.rotation import matrix
 from runtime.contracts.signals import Array
-from runtime.control.shared.symmetric import FIRM, Symmetric, Vector, gram, inverse, is_above, times
+from runtime.control.shared.symmetric import (
+    FIRM,
+    Symmetric,
+    Vector,
+    dot,
+    gram,
+    inverse,
+    is_above,
+    mean,
+    products,
+    times,
+)
 
 _NULL: Final = 1e-12  # an eigenvalue of A^T A below this share of the largest counts as zero
 _POINT: Final = 1e-12  # m^2; if the largest eigenvalue is below this, it is zero, too: all points coincide
@@ -22,7 +34,11 @@ _STEP: Final = 1.0  # greatest norm of one step's deformation gradient; a larger
 _TWIST: Final = 0.2  # rotations about the line through points flatter than this are held back, see `Similarity`
 _NEWTON: Final = 6  # steps; six reach the last bit for any firm K
 
+Rows = tuple[Vector, Vector, Vector]
+"""Of a matrix (3, 3)."""
+
 _I: Final = np.eye(3)
+_SAME: Final[Rows] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _IDENTITY: Final = np.diag([3.0, -1.0, -1.0, -1.0])  # N of Horn for a^T b = I
 _ROTATIONS: Final = np.array(  # S(e_x), S(e_y), S(e_z): S(w) p = w x p
     [
@@ -85,10 +101,10 @@ class VirtualObject:
         self._flat = self._B.reshape(-1, 9)
         self._psi = psi
         self._limit2 = gain_limit**2
-        self._share = 1.0 / max(self._limit2, 1e-300)
+        self.share = 1.0 / max(self._limit2, 1e-300)
         self._rotations = 0 if deformation is Deformation.SCALING else 3  # come first among the parameters
         self._scales = deformation is Deformation.ISOTROPIC
-        self._is_similar = deformation in (Deformation.ISOTROPIC, Deformation.RIGID)
+        self.is_similar = deformation in (Deformation.ISOTROPIC, Deformation.RIGID)
 
     def move(self, before: Array, after: Array, p_a: Array, sphere: Array) -> Array:
         """Returns the robotic points (m, 3) after the object's motion, equation (4).
@@ -100,22 +116,24 @@ class VirtualObject:
         """
         mid = 0.5 * (before + after)
         dp = after - before
-        n = len(mid)
-        c, v = np.add.reduce(mid) / n, np.add.reduce(dp) / n
-        if self._is_similar:
-            moved = self._move_similarly(mid - c, dp, c.tolist(), v.tolist(), p_a)
+        points, ways = mid.tolist(), dp.tolist()
+        c, v = mean(points), mean(ways)
+        if self.is_similar:
+            moved = self._move_similarly([(x - c[0], y - c[1], z - c[2]) for x, y, z in points], ways, c, v, p_a)
             if moved is not None:
                 return moved
-        return self._move_generally(mid, dp, c, v, p_a, sphere)
+        return self._move_generally(mid, dp, np.array(c), np.array(v), p_a, sphere)
 
-    def _move_similarly(self, d: Array, dp: Array, c: list[float], v: list[float], p_a: Array) -> Array | None:
+    def _move_similarly(
+        self, d: Sequence[Vector], dp: Sequence[Sequence[float]], c: Vector, v: Vector, p_a: Array
+    ) -> Array | None:
         """`move` for G = S(w) + s I in closed form; None if a direction may have to be damped.
 
         With H = sum d d^T and T = sum d dp^T, the normal equations are (tr(H) I - H) w = vee(T) and
         tr(H) s = tr(T).
         """
-        (hxx, hxy, hxz), (_, hyy, hyz), (_, _, hzz) = d.T.dot(d).tolist()
-        (txx, txy, txz), (tyx, tyy, tyz), (tzx, tzy, tzz) = d.T.dot(dp).tolist()
+        hxx, hxy, hxz, hyy, hyz, hzz = gram(d)
+        (txx, txy, txz), (tyx, tyy, tyz), (tzx, tzy, tzz) = products(d, dp)
         M = hyy + hzz, -hxy, -hxz, hxx + hzz, -hyz, hxx + hyy
         trace = hxx + hyy + hzz
         tips: list[Vector] = [(x - c[0], y - c[1], z - c[2]) for x, y, z in p_a.tolist()]
@@ -150,7 +168,7 @@ class VirtualObject:
         """Whether no rotation w is damped for a robotic tip at x from c: lam >= |w x x|^2 / limit^2 for all."""
         # |w x x|^2 = w^T (x.x I - x x^T) w, and its share is subtracted from M. If the rest is positive, so is
         # its trace, 2 (tr(H) - x.x / limit^2): then the scale isn't damped either.
-        (x, y, z), k = tip, self._share
+        (x, y, z), k = tip, self.share
         xx, xy, xz, yy, yz, zz = M
         N = (
             *(xx - k * (y * y + z * z), xy + k * x * y, xz + k * x * z),
@@ -231,23 +249,27 @@ class Similarity:
         rigid: without a scale.
         turns: False: the rotation is found, and not carried on.
         """
-        n = len(reference)
-        self._mean = np.full(n, 1.0 / n)
-        self._c0 = self._mean.dot(reference)
-        self._a = reference - self._c0
-        self._a2 = float((self._a * self._a).sum())
+        points = reference.tolist()
+        self.c0 = x0, y0, z0 = mean(points)
+        self.from_centre = [(x - x0, y - y0, z - z0) for x, y, z in points]
+        xx, _, _, yy, _, zz = gram(self.from_centre)
+        self.a2 = xx + yy + zz
         self._rigid, self._turns = rigid, turns
 
     def carry(self, points: Array, p_a: Array) -> Array:
         """Moves robotic points p_a (m, 3) by the similarity that takes `reference` to `points` (n, 3)."""
-        c1: Array = self._mean.dot(points)
-        K = points.T.dot(self._a)  # the centroid of a is zero, so the centroid of b may be anything
+        present = points.tolist()
+        x1, y1, z1 = mean(present)
+        K = products(present, self.from_centre)  # the centroid of a is zero, so the centroid of b may be anything
         R, first = _firm_rotation(K) or _any_rotation(K)
-        scale = 1.0 if self._rigid or first == 0.0 else max(first / self._a2, 0.0)
-        return cast(Array, c1 + scale * (p_a - self._c0).dot(R.T if self._turns else _I))
+        u, v, w = R if self._turns else _SAME
+        scale = 1.0 if self._rigid or first == 0.0 else max(first / self.a2, 0.0)
+        x0, y0, z0 = self.c0
+        from_centre = [(x - x0, y - y0, z - z0) for x, y, z in p_a.tolist()]
+        return np.array([(x1 + scale * dot(u, x), y1 + scale * dot(v, x), z1 + scale * dot(w, x)) for x in from_centre])
 
 
-def _firm_rotation(K: Array) -> tuple[Array, float] | None:
+def _firm_rotation(K: Rows) -> tuple[Rows, float] | None:
     """The rotation R with the largest f = tr(R^T K), and f; None if the points may be nearly on a line.
 
     K = R P with P symmetric and tr P = f. In terms of K's singular values, the last signed by its determinant,
@@ -255,18 +277,17 @@ def _firm_rotation(K: Array) -> tuple[Array, float] | None:
     Cayley-Hamilton theorem for P follows R = ((f^2 - g) K + f cof K - K K^T K) / (f g - det K), where
     g = s_1 s_2 + s_2 s_3 + s_3 s_1.
     """
-    (a, b, c), (d, e, f), (g, h, i) = rows = K.tolist()
-    cofactors = (
-        *(e * i - f * h, f * g - d * i, d * h - e * g),
-        *(c * h - b * i, a * i - c * g, b * g - a * h),
-        *(b * f - c * e, c * d - a * f, a * e - b * d),
-    )
-    det = a * cofactors[0] + b * cofactors[1] + c * cofactors[2]
-    xx, xy, xz, yy, yz, zz = gram(zip(*rows, strict=True))  # K K^T
-    K2, C2 = xx + yy + zz, sum([x * x for x in cofactors])
+    (a, b, c), (d, e, f), (g, h, i) = K
+    A, B, C = e * i - f * h, f * g - d * i, d * h - e * g  # the cofactors
+    D, E, F = c * h - b * i, a * i - c * g, b * g - a * h
+    G, H, L = b * f - c * e, c * d - a * f, a * e - b * d
+    det = a * A + b * B + c * C
+    xx, xy, xz, yy, yz, zz = gram(((a, d, g), (b, e, h), (c, f, i)))  # K K^T
+    K2, C2 = xx + yy + zz, A * A + B * B + C * C + D * D + E * E + F * F + G * G + H * H + L * L
     # K is firm if f >= (1 + _TWIST) s_1. As s_1 <= |K|, this holds if p is negative at (1 + _TWIST) |K|.
-    low = (1.0 + _TWIST) ** 2
-    if K2 < _POINT**2 or ((low - 1.0) * K2) ** 2 >= 8.0 * sqrt(low * K2) * det + 4.0 * C2:
+    low = (1.0 + _TWIST) * (1.0 + _TWIST)
+    above = (low - 1.0) * K2
+    if K2 < _POINT * _POINT or above * above >= 8.0 * sqrt(low * K2) * det + 4.0 * C2:
         return None
     trace = sqrt(K2 + 2.0 * sqrt(C2))  # exact for points in a plane
     for _ in range(_NEWTON):
@@ -275,17 +296,33 @@ def _firm_rotation(K: Array) -> tuple[Array, float] | None:
     second = 0.5 * (trace * trace - K2)
     k = 1.0 / (trace * second - det)
     diagonal = trace * trace - second
-    M = np.array([[diagonal - xx, -xy, -xz], [-xy, diagonal - yy, -yz], [-xz, -yz, diagonal - zz]])
-    R: Array = k * (M.dot(K) + trace * np.array(cofactors).reshape(3, 3))
-    return R, trace
+    xx, yy, zz = diagonal - xx, diagonal - yy, diagonal - zz
+    rotation = (
+        (
+            k * (xx * a - xy * d - xz * g + trace * A),
+            k * (xx * b - xy * e - xz * h + trace * B),
+            k * (xx * c - xy * f - xz * i + trace * C),
+        ),
+        (
+            k * (yy * d - xy * a - yz * g + trace * D),
+            k * (yy * e - xy * b - yz * h + trace * E),
+            k * (yy * f - xy * c - yz * i + trace * F),
+        ),
+        (
+            k * (zz * g - xz * a - yz * d + trace * G),
+            k * (zz * h - xz * b - yz * e + trace * H),
+            k * (zz * i - xz * c - yz * f + trace * L),
+        ),
+    )
+    return rotation, trace
 
 
-def _any_rotation(K: Array) -> tuple[Array, float]:
+def _any_rotation(K: Rows) -> tuple[Rows, float]:
     """The same as `_firm_rotation`, from Horn's quaternion (1987), drawn toward the identity where ill-defined.
 
     Returns the identity and zero if all points of one side coincide.
     """
-    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = K.tolist()
+    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = K
     N = np.array(
         [
             [xx + yy + zz, yz - zy, zx - xz, xy - yx],
@@ -298,13 +335,13 @@ def _any_rotation(K: Array) -> tuple[Array, float]:
     # The two largest are s_1 + s_2 + s_3 and s_1 - s_2 - s_3. Their gap tells how well the rotation is defined.
     second, first = lam[2:].tolist()
     if first + second < _POINT:
-        return _I, 0.0
+        return _SAME, 0.0
     lack = _TWIST - (first - second) / (first + second)
     if lack > 0.0:
         Q = np.linalg.eigh(N + 0.5 * lack * (first + second) * _IDENTITY)[1]
         first = float(Q[:, 3] @ N @ Q[:, 3])
-    R = matrix(Q[:, 3].tolist())
-    return R, first
+    u, v, w = matrix(Q[:, 3].tolist()).tolist()
+    return (tuple(u), tuple(v), tuple(w)), first
 
 
 def _inverse(M: Array) -> Array:

@@ -20,18 +20,18 @@ class Chain:
         base: (4, 4), the base in the common frame, m.
         rows: (n, 2), alpha (rad) and a (m) of each row.
         """
-        self._base = cast(list[Vector], [tuple(column) for column in base[:3].T.tolist()])
-        self._rows = [(cos(alpha), sin(alpha), a) for alpha, a in rows.tolist()]
+        self.base = cast(list[Vector], [tuple(column) for column in base[:3].T.tolist()])
+        self.rows = [(cos(alpha), sin(alpha), a) for alpha, a in rows.tolist()]
         self.points: list[Vector] = []
         """The base, then each row's end (n + 1), m, from the last call of `forward`."""
         self._axes: list[Vector] = []
 
     def forward(self, q: list[float]) -> Vector:
         """Returns the tip, m, for joint angles q (n,), rad."""
-        (xx, xy, xz), (yx, yy, yz), z, o = self._base
+        (xx, xy, xz), (yx, yy, yz), z, o = self.base
         ox, oy, oz = o
         points, axes, turn = [o], [], 0.0
-        for angle, (ca, sa, a) in zip(q, self._rows, strict=True):
+        for angle, (ca, sa, a) in zip(q, self.rows, strict=True):
             axes.append(z)
             # For parallel axes, x and y stay those of the first axis, and the angles are added.
             turn += angle

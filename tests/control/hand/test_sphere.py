@@ -88,7 +88,7 @@ def test_points_that_move_on_have_the_same_sphere_as_afresh() -> None:
             points[1] = points[0]
         found = moving.around(points.tolist())
         np.testing.assert_allclose(found, minimum_sphere(points), rtol=0, atol=1e-8 * found[3])
-        supports.append(list(moving._support))
+        supports.append(list(moving.support))
         kept += k > 0 and supports[-1] == supports[-2]
     assert 500 < kept < 1499
     assert {len(s) for s in supports} == {2, 3, 4}

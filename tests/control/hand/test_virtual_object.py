@@ -175,7 +175,7 @@ def test_the_closed_form_is_the_general_solution(deformation: Deformation) -> No
         tips = ROBOT + 0.03 * rng.normal(size=(rng.integers(1, 3), 3))
         mid = before + 0.5 * dp
         c, v = mid.mean(axis=0), dp.mean(axis=0)
-        fast = model._move_similarly(mid - c, dp, c.tolist(), v.tolist(), tips)
+        fast = model._move_similarly((mid - c).tolist(), dp.tolist(), tuple(c.tolist()), tuple(v.tolist()), tips)
         general = model._move_generally(mid, dp, c, v, tips, np.zeros(4))
         if fast is not None:
             closed += 1
@@ -189,7 +189,7 @@ def test_the_closed_rotation_is_the_quaternions() -> None:
     for _ in range(500):
         s = np.sort(rng.uniform(0, 1, 3))[::-1] * [1, 1, rng.choice([-1, 0, 1e-6, 1])] * 10.0 ** rng.uniform(-5, 0)
         U, V = Rotation.random(2, random_state=rng).as_matrix()
-        K = U @ np.diag(s) @ V.T
+        K = (U @ np.diag(s) @ V.T).tolist()
         found = _firm_rotation(K)
         if found is None:
             declined += 1

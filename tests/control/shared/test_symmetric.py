@@ -9,7 +9,23 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from runtime.contracts.signals import Array
-from runtime.control.shared.symmetric import FIRM, Symmetric, full, gram, inverse, is_above, raised_inverse, times
+from runtime.control.shared.symmetric import (
+    FIRM,
+    Symmetric,
+    eigen,
+    gram,
+    inverse,
+    is_above,
+    mean,
+    products,
+    raised_inverse,
+    times,
+)
+
+
+def full(M: Symmetric) -> Array:
+    xx, xy, xz, yy, yz, zz = M
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def symmetric(lam: Array, turn: Array) -> tuple[Symmetric, Array]:
@@ -32,6 +48,16 @@ def test_eigenvalues_below_the_floor_are_raised_on_both_ways(lam: Array, turn: A
         np.testing.assert_allclose(full(inverse(M)), np.linalg.inv(full(M)), atol=1e-9 / min(lam))
 
 
+@given(eigenvalues, turns, st.sampled_from([1e-100, 1.0, 1e100]))
+def test_eigenvalues_and_vectors(lam: Array, turn: Array, scale: float) -> None:
+    M, _ = symmetric(scale * lam, turn)
+    found, rows = zip(*eigen(M), strict=True)
+    U = np.array(rows)
+    np.testing.assert_allclose(sorted(found), np.linalg.eigvalsh(full(M)), rtol=0, atol=1e-15 * max(found))
+    np.testing.assert_allclose(U @ U.T, np.eye(3), atol=5e-15)
+    np.testing.assert_allclose(U.T @ np.diag(found) @ U, full(M), rtol=0, atol=5e-15 * max(found))
+
+
 @given(eigenvalues, turns, st.floats(-1, 1))
 def test_above_is_decided_by_the_least_eigenvalue(lam: Array, turn: Array, floor: float) -> None:
     M, _ = symmetric(lam, turn)
@@ -43,6 +69,9 @@ def test_products() -> None:
     vectors = np.random.default_rng(1).normal(size=(5, 3))
     M = gram(vectors.tolist())
     np.testing.assert_allclose(full(M), vectors.T @ vectors)
+    others = np.random.default_rng(2).normal(size=(5, 3))
+    np.testing.assert_allclose(products(vectors.tolist(), others.tolist()), vectors.T @ others)
+    np.testing.assert_allclose(mean(vectors.tolist()), vectors.mean(axis=0))
     assert times(M, (1.0, -2.0, 0.5)) == pytest.approx(full(M) @ [1.0, -2.0, 0.5])
 
 
