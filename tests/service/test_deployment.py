@@ -267,7 +267,7 @@ def confine() -> None:
 
 CONFINED = """
 import mmap, os, socket, sys
-sys.path[:0] = [sys.argv.pop(1), sys.argv.pop(1)]
+sys.path[:0] = [sys.argv.pop(1), sys.argv.pop(1), sys.argv.pop(1)]
 import test_deployment
 test_deployment.confine()
 refused = 0
@@ -293,7 +293,7 @@ def test_a_run_lives_within_the_units_syscall_rules(tmp_path: Path) -> None:
         pytest.skip("no libseccomp")
     arguments = ("run", "sixth-finger", "--sim", "--duration", "1.5", "--record", "x.rrd", "--json")
     done = subprocess.run(
-        [sys.executable, "-c", CONFINED, str(Path(__file__).parent), str(ROOT / "tests"), *arguments],
+        [sys.executable, "-c", CONFINED, str(Path(__file__).parent), str(ROOT), str(ROOT / "tests"), *arguments],
         env=environment(tmp_path), cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
