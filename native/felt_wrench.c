@@ -1,4 +1,4 @@
-/* sim/devices/panda/controller.py: what a robot's controller makes of its joints' external torques. */
+/* sim/devices/panda/felt.py: what a robot's controller makes of its joints' external torques. */
 #include <string.h>
 
 #include "chain.h"

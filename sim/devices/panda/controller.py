@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 from drivers.panda.packets import ERRORS, Controller, Generator, RobotMode, error_names
 from drivers.panda.protocol import Status
 from drivers.panda.requests import Body, Move, SetLoad
-from runtime.contracts.compiled import NotCompiledError, Step, bind, numbers
 from runtime.contracts.signals import Array
 from runtime.control.robots import FR3, PANDA, Payload
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
+from sim.devices.panda.felt import Felt
 from sim.devices.panda.motion import DT, LOST_IN_A_ROW, JointGenerator, Reception, Setpoint, limits_of, torque_error
 from sim.devices.panda.settings import Settings
 
 RECOVERY: Final = 20  # ms, duration of automatic error recovery
 START: Final = 500  # ms in which a client must send its first packet before lost packets count
-FILTER: Final = 1 - np.exp(-2 * np.pi * 50.0 * DT)  # of the external torques: 50 Hz
 OVERSPEED: Final = 0.05  # share of the greatest velocity by which the measured one may exceed its limit
 BEYOND: Final = 0.01  # rad, the same for the position
 DAMPING: Final = 0.7  # damping ratio of the joint impedance
@@ -92,7 +91,8 @@ class PandaController:
         self.errors: NDArray[np.bool_] = np.zeros(len(ERRORS), np.bool_)
         self.reflex_reason = self.errors.copy()
         self.outcome: Status | None = None
-        self.touching = np.zeros((2, 13))
+        self._felt = Felt(FR3 if robot == "fr3" else PANDA)
+        self.touching, self.external, self.wrench = self._felt.touching, self._felt.external, self._felt.wrench
         self.contact, self.cartesian_contact = self.touching[0, :7], self.touching[0, 7:]
         self.collision, self.cartesian_collision = self.touching[1, :7], self.touching[1, 7:]
         limits = self.limits
@@ -100,11 +100,8 @@ class PandaController:
         spare = np.concatenate((np.full(7, BEYOND), OVERSPEED * limits.velocity))
         self._least = np.concatenate((limits.lower, slowest)) - spare
         self._most = np.concatenate((limits.upper, fastest)) + spare
-        self.external, self.wrench, self.torque = np.zeros(7), np.zeros(6), np.zeros(7)
-        self.pose, self.desired_pose = np.eye(4), np.eye(4)
-        self._q, self._felt = np.zeros(7), np.zeros(7)  # measured: position and external torques
-        self._tool, self._point = np.zeros(12), np.zeros(3)  # the end effector at the flange, and K's origin in it
-        self._thresholds = np.zeros((2, 2, 13))  # as `touching`; the second ones while the desired motion accelerates
+        self.torque = np.zeros(7)
+        self.pose, self.desired_pose = self._felt.pose, np.eye(4)
         self.revision = 0
         self.ticks = 0
         self.reflexes = 0
@@ -114,7 +111,6 @@ class PandaController:
         self._desired_at = b""  # bytes of the desired position to which `desired_pose` belongs
         self._carried()
         self._know()
-        self._in_c = self._compiled()
         self._sense()
         self._drive()
 
@@ -260,42 +256,7 @@ class PandaController:
 
     def _sense(self) -> None:
         self.arm.measure()
-        self._q[:], self._felt[:] = self.arm.position, self.arm.external_effort
-        accelerates = any(self.motion.ddq.tolist())
-        if self._in_c is None or self._in_c(DT, accelerates) < 0:
-            self._feel(accelerates)
-
-    def _compiled(self) -> Step | None:
-        """`_feel` in C (native/felt_wrench.c); None where there is no C."""
-        model, mount = self._model, self._model.frames[self._flange].placement
-        joints = [part for at in list(model.jointPlacements)[1:] for part in (at.rotation, at.translation)]
-        try:
-            return bind(
-                "felt-wrench", self._q, self._felt, np.array([FILTER]), numbers(*joints),
-                numbers(mount.rotation, mount.translation), self._tool, self._point, self._thresholds,
-                self.external, self.wrench, self.pose, self.touching,
-            )  # fmt: skip
-        except NotCompiledError:
-            return None
-
-    def _feel(self, accelerates: bool) -> None:
-        """Filters the external torques; computes the pose, the wrench at K, and what is above its threshold."""
-        model, work, external = self._model, self._work, self.external
-        external += FILTER * (self._felt - external)
-        pin.computeJointJacobians(model, work, self._q)
-        pin.updateFramePlacement(model, work, self._flange)
-        jacobian = pin.getFrameJacobian(model, work, self._flange, pin.LOCAL_WORLD_ALIGNED)
-        flange = work.oMf[self._flange].homogeneous
-        self.pose[:] = flange @ self._ee
-        # At K instead of the flange: v_K = v_F + w x r.
-        x, y, z = (self.pose @ self.settings.EE_T_K[:, 3] - flange[:, 3]).tolist()[:3]
-        a, b, c = jacobian[3:]
-        jacobian[:3] += (b * z - c * y, c * x - a * z, a * y - b * x)
-        square = jacobian @ jacobian.T
-        square.flat[::7] += 1e-4  # near a singularity some forces can't be estimated
-        self.wrench[:] = np.linalg.solve(square, jacobian @ external)
-        loads = np.concatenate((external, self.wrench))
-        np.greater(np.abs(loads), self._thresholds[int(accelerates)], out=self.touching)
+        self._felt.update(self.arm.position, self.arm.external_effort, any(self.motion.ddq.tolist()))
 
     def _watch(self) -> None:
         """Checks for the errors that end a motion whatever its setpoints are."""
@@ -376,15 +337,9 @@ class PandaController:
 
     def _know(self) -> None:
         """Prepares what follows from the settings alone."""
-        settings = self.settings
-        self._ee = settings.F_T_EE
-        self._tool[:9], self._tool[9:] = self._ee[:3, :3].ravel(), self._ee[:3, 3]
-        self._point[:] = settings.EE_T_K[:3, 3]
+        self._felt.know(self.settings)
+        self._ee = self.settings.F_T_EE
         self._desired_at = b""
-        for i, kind in enumerate(("", "_acceleration")):
-            for j, bound in enumerate(("lower", "upper")):
-                loads = [getattr(settings, f"{bound}_{what}{kind}") for what in ("torque", "force")]
-                np.concatenate(loads, out=self._thresholds[i, j])
 
     def _carried(self) -> Payload:
         """Adds tool and load together and puts them into the model."""
