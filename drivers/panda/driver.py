@@ -50,8 +50,7 @@ class Panda(Driver):
 
     A motion begins with the first `write`. It ends with `stop`, with `close` or when no more writes come. The robot
     stops by itself 20 ms after the last command, so no stop frame is needed; a velocity is then reported as zero.
-    `health.errors` counts states that were
-    malformed or never came. Source: protocol sheet franka-fci.
+    `health.errors` counts states that were malformed or never came. Source: protocol sheet franka-fci.
     """
 
     Config = PandaConfig

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cached_property
 from math import ceil, sqrt
 from typing import Any, Final, Literal, Self
 
@@ -189,7 +190,7 @@ class JointImpedance(Controller):
             self._weight()
 
     def narrow(self, dt: float) -> None:
-        touched, (stiffness, damping) = self._touched(), self.parameters
+        touched, (stiffness, damping) = self._touched, self.parameters
         up = _largest(lambda s: self._damps(dt, touched, _part(stiffness.upper, s), _part(damping.upper, s)))
         stiffest = _part(stiffness.upper, up)
         down = _largest(lambda s: self._damps(dt, touched, stiffest, _part(damping.lower, s)))
@@ -199,7 +200,7 @@ class JointImpedance(Controller):
         )
 
     def doubts(self, dt: float) -> Iterator[tuple[str, str]]:
-        touched = self._touched()
+        touched = self._touched
         if self._damps(dt, touched):
             return
         late, enough = dt, dt / 2
@@ -288,7 +289,9 @@ class JointImpedance(Controller):
         share = sqrt(k) if k > _SOFT else k / sqrt(_SOFT)  # the root has no slope at zero that a ramp could follow
         return k * self._K, 2.0 * self._config.damping_ratio * d * share * np.sqrt(self._K * inertia)
 
+    @cached_property
     def _touched(self) -> list[tuple[Array, Array]]:
+        """What the arm may touch, as `cases` has it."""
         return list(cases(self._model, self._config.robot.home, self._lower, self._upper, self._rotors))
 
     def _damps(self, dt: float, touched: list[tuple[Array, Array]], k: float = 1.0, d: float = 1.0) -> bool:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from runtime.contracts.rotation import euler_angles
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body, Marker, Side
-from runtime.control.ikns.labels import OTHER, fits_better, labellings
+from runtime.control.ikns.labels import OTHER, fits_better, labellings, ways
 from runtime.control.ikns.marker_chain import MarkerChain
 from runtime.control.ikns.observability import Mask, Observability
 from runtime.control.ikns.postures import STARTS, Postures, rigid
@@ -40,9 +40,7 @@ _PRIOR: Final = 5e-4  # m^2 per rad^2; leaving the predicted posture by 0.045 ra
 _COAST: Final = 0.8  # of the last frame's velocity that is predicted
 _FORCE: Final = 100.0  # m/s^2; a marker that leaves its predicted place faster is suspected before the fit
 _FADE: Final = 0.2  # s, time constant with which a change of markers comes through
-_BELIEVED: Final = (
-    0.5  # s, after which a marker that stays beyond the gate is believed, unless it is at another's place
-)
+_BELIEVED: Final = 0.5  # s, after which a marker that stays beyond the gate is believed, unless at another's place
 _SPARE: Final = 4  # of as many markers, one may be left out of a fit that is shown
 _NEAR: Final = 0.5  # of the gate, the greatest residual of a fit that is shown
 _OVER: Final = 0.8  # rad beyond its range, where no forearm is
@@ -135,7 +133,7 @@ class MarkerFit:
         self._age += dt
         done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
         if done and self.known and (blind & ~self._blind).any() and not self._sure(seen):
-            self._queue = self._ways(seen if self._queue else seen & ~self._seen)
+            self._queue = ways(self._relabelled, seen if self._queue else seen & ~self._seen)
         self._seen = seen
         if done and self._queue and self._mislabelled(goal, seen, starts):
             done = self.known = False
@@ -215,7 +213,7 @@ class MarkerFit:
         """Whether a search would refuse this fit: too many markers left out, too far off, no person's posture."""
         if np.count_nonzero(self.rejected) > np.count_nonzero(seen) // _SPARE or self.residual > _NEAR * self.gate:
             return True
-        if self._queue or self._turned() > _OVER:
+        if self._queue or self._postures.turned(self.q) > _OVER:
             return True
         return self._doubtful and self._postures.refused(np.where(self._blind, 0.0, self.q))
 
@@ -358,7 +356,7 @@ class MarkerFit:
             return False
         left_out, self.residual, self.q, (self._blind, self.used, self.rejected) = min(found, key=lambda one: one[:2])
         self._chain.place(self.q)
-        self._queue = [] if self._sure(seen) and not self._suspect else self._ways(seen)
+        self._queue = [] if self._sure(seen) and not self._suspect else ways(self._relabelled, seen)
         return True
 
     def _sure(self, seen: Mask) -> bool:
@@ -367,17 +365,7 @@ class MarkerFit:
         Two markers of a wrist are enough to turn a forearm over, beyond its range as a rule.
         """
         fits = not self.rejected.any() and self.residual < _SURE * self.gate
-        return bool(fits and seen[self._lower].all() and self._turned() < OTHER)
-
-    def _turned(self) -> float:
-        """rad: how far a forearm is turned beyond its range."""
-        return float(self._postures.excess(self.q)[self._postures.forearms].max())
-
-    def _ways(self, which: Mask) -> list[tuple[NDArray[np.intp], Side | None]]:
-        """Labellings that concern any of these markers, each with the forearm as it is and turned over."""
-        at = np.flatnonzero(which)
-        found = [(side, order) for side, order in self._relabelled if (order[at] != at).any()]
-        return [(order, over) for side, order in found for over in (None, side)]
+        return bool(fits and seen[self._lower].all() and self._postures.turned(self.q) < OTHER)
 
     def _mislabelled(self, goal: Array, seen: Mask, count: int) -> bool:
         """Tries the next `count` other labellings. Returns whether one fits better by another posture."""

@@ -61,6 +61,10 @@ class Postures:
         """(n,) rad: how far each joint is beyond its range."""
         return np.maximum(np.maximum(self._low - q, q - self._high), 0.0)
 
+    def turned(self, q: Array) -> float:
+        """rad: how far a forearm is turned beyond its range, at most."""
+        return float(self.excess(q)[self.forearms].max())
+
     def refused(self, q: Array) -> bool:
         """Whether no person has this posture: one that is found where the markers are mirrored."""
         return bool((self.excess(q) > self._refused).any())

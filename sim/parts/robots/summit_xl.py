@@ -146,15 +146,15 @@ class SummitXlPart(Part):
             self._wanted = self._reachable(*self._waiting.popleft()[1:])
         share, most = min(1.0, dt / config.time_constant), config.acceleration / robot.wheel_radius * dt
         self._wheels = wheels = [
-            now + max(min((wanted - now) * share, most), -most)
-            for now, wanted in zip(self._wheels, self._wanted, strict=True)
+            speed + max(min((wanted - speed) * share, most), -most)
+            for speed, wanted in zip(self._wheels, self._wanted, strict=True)
         ]
-        rolled = robot.twist_of(*wheels)
+        rolled = robot.twist(*wheels)
         self._integrate(*rolled, dt)
         x, y, turn = (way * (1.0 - config.slip) for way in rolled)
         vx, vy, wz = self._twist()
         missing = (x - vx, y - vy, turn - wz)
-        slip = max(map(abs, robot.wheels_of(*missing))) * self._per_slip
+        slip = max(map(abs, robot.wheels(*missing))) * self._per_slip
         rolls = slip <= self._grip
         if rolls != self._rolls:
             self._rolls = rolls
@@ -194,7 +194,7 @@ class SummitXlPart(Part):
 
     def odometry(self) -> tuple[Array, Array]:
         """Pose and twist, each (3,), as the base computes them from its wheels."""
-        return np.array(self._odometry), np.array(self.robot.twist_of(*self._wheels))
+        return np.array(self._odometry), np.array(self.robot.twist(*self._wheels))
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         name = self.name
@@ -222,7 +222,7 @@ class SummitXlPart(Part):
 
     def _reachable(self, vx: float, vy: float, wz: float) -> list[float]:
         """Wheel speeds (4,), rad/s, all scaled by the same factor to stay within the greatest."""
-        wheels, greatest = self.robot.wheels_of(vx, vy, wz), self.robot.wheel_speed
+        wheels, greatest = self.robot.wheels(vx, vy, wz), self.robot.wheel_speed
         most = max(map(abs, wheels))
         return [wheel * (greatest / most) for wheel in wheels] if most > greatest else list(wheels)
 

@@ -174,14 +174,14 @@ def test_the_pandas_rotors_are_the_makers() -> None:
 
 @given(arrays(float, 3, elements=st.floats(-5, 5)))
 def test_mecanum_kinematics_are_each_others_inverse(twist: np.ndarray) -> None:
-    np.testing.assert_allclose(SUMMIT_XL.twist(SUMMIT_XL.wheels(twist)), twist, atol=1e-12)
+    np.testing.assert_allclose(SUMMIT_XL.twist(*SUMMIT_XL.wheels(*twist)), twist, atol=1e-12)
 
 
 def test_mecanum_kinematics_of_the_sheet() -> None:
     facts = sheet("summit_xl_steel")
     for pair in facts["kinematics"]["reference"]:
-        np.testing.assert_allclose(SUMMIT_XL.wheels(np.array(pair["twist"], dtype=float)), pair["wheels"], atol=1e-8)
-        np.testing.assert_allclose(SUMMIT_XL.twist(np.array(pair["wheels"])), pair["twist"], atol=1e-8)
+        np.testing.assert_allclose(SUMMIT_XL.wheels(*pair["twist"]), pair["wheels"], atol=1e-8)
+        np.testing.assert_allclose(SUMMIT_XL.twist(*pair["wheels"]), pair["twist"], atol=1e-8)
     assert SUMMIT_XL.mass == facts["mass_paper"]
     assert SUMMIT_XL.wheel_radius == facts["wheel"]["radius"]
     assert pytest.approx(23.6, abs=0.05) == SUMMIT_XL.wheel_speed

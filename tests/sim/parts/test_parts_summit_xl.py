@@ -34,7 +34,7 @@ def test_it_follows_its_twist(twist: tuple[float, float, float]) -> None:
     part.command(*twist)
     run(world, 2.0)
     np.testing.assert_allclose(part.twist(), twist, atol=2e-3)
-    np.testing.assert_allclose(part.wheels(), SUMMIT_XL.wheels(np.array(twist)), atol=1e-6)
+    np.testing.assert_allclose(part.wheels(), SUMMIT_XL.wheels(*twist), atol=1e-6)
     np.testing.assert_allclose(part.odometry()[1], twist, atol=1e-6)
     part.command(0, 0, 0)
     run(world, 2.0)
