@@ -53,14 +53,14 @@ class _Compiled(Fast):
         if desired is not self._asked or desired_velocity is not self._rate:
             self.leave()
             return _RARE
-        if not self._inside:
-            if not self._patience.over() or not self._enter():
-                return _RARE
-            self._inside = True
+        if not self._inside and not (self._patience.over() and self._enter()):
+            return _RARE
         done = self._step(dt, self._flag)
         self._patience.tried(done >= 0)
         if done < 0:
-            self.leave()
+            self.leave()  # nothing to give back if it was a try: what Python holds meanwhile stays
+        else:
+            self._inside = True
         return done
 
     def leave(self) -> None:

@@ -154,13 +154,13 @@ class TorqueGuard(CommandGuard):
     def _halt(self, category: Stop, dt: float) -> None:
         self._read_gravity()
         blind = not self._sensed()
+        limp = blind or category is Stop.LIMP
         q, qd = self._q, self._qd
-        if blind:
-            self._release()  # the rest position may be far away when measurements return
+        if limp:
+            self._release()  # by the next stop, or when measurements return, it may be far away, and move otherwise
         out = []
         for i, (g, barrier) in enumerate(zip(self._g, self._barriers, strict=True)):
-            if blind or category is Stop.LIMP:
-                self._held[i] = None
+            if limp:
                 out.append(g)
                 continue
             d = barrier.d
@@ -175,7 +175,7 @@ class TorqueGuard(CommandGuard):
                     tau += d / HOLD_TIME * (held - q[i])
             out.append(g + tau)
         self._apply(out, dt, sighted=not blind)
-        if blind or category is Stop.LIMP:
+        if limp:
             applied = self.applied.ravel().tolist()
             self.at_rest = all(abs(x - t) <= self.tolerance for x, t in zip(applied, out, strict=True))
         else:

@@ -159,3 +159,24 @@ def test_a_stop_in_c_knows_nothing_of_the_stop_before(category: Stop) -> None:
             if cycle >= 300:
                 assert not side.guard.at_rest
         assert bits(sides[0].arrays["applied"]) == bits(sides[1].arrays["applied"])
+
+
+@pytest.mark.parametrize("force", [0.1, 2.0])
+def test_a_torque_that_is_no_number_is_held_as_in_python(force: float) -> None:
+    """C is tried now and then meanwhile. That must not let go of what Python holds: the limb would creep."""
+    given = {"velocity": 2.0, "effort": 10.0, "effort_rate": 2000.0, "inertia": 0.5}
+    sides = [Side(Kind.TORQUE, 1, given, True, False, fast) for fast in (False, True)]
+    for side in sides:
+        side.guard.reset(np.zeros(1))
+    for cycle in range(2500):
+        for side in sides:
+            a = side.arrays
+            a["asked"][:] = 0.0 if cycle < 5 else np.nan
+            side.guard.step(a["asked"], None, DT)
+            if cycle >= 5:
+                a["velocity"] += (a["applied"] + force) / 0.5 * DT
+                a["position"] += a["velocity"] * DT
+        assert bits(sides[0].arrays["applied"]) == bits(sides[1].arrays["applied"]), cycle
+        if cycle == 1500:
+            there = sides[1].arrays["position"].item()
+    assert sides[1].arrays["position"].item() == pytest.approx(there, abs=1e-3)

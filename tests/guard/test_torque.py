@@ -184,6 +184,23 @@ def test_held_again_it_holds_where_it_has_gone_meanwhile(between):
     assert joint.q[0] > 0.95 * led  # not back to where it was held before
 
 
+@pytest.mark.parametrize("before", [Stop.DAMP, Stop.HOLD])
+def test_limp_forgets_that_a_hand_led_the_joint(before):
+    joint = Joint()
+    for _ in range(600):
+        joint.stop(before)
+        joint.qd += 2.0 / joint.inertia * DT
+    assert joint.guard.at_rest
+    for _ in range(300):
+        joint.stop(Stop.LIMP)
+    joint.q[:], joint.qd[:] = 0.0, 1.5
+    joint.stop(Stop.DAMP)
+    assert not joint.guard.at_rest  # it moves by itself
+    joint.q[:] = 0.2
+    joint.stop(Stop.HOLD)
+    assert joint.tau[0] > -5.0 * 1.5  # no spring yet: the rate lets this much through in two cycles
+
+
 def test_limp_ramps_to_gravity_compensation_only():
     joint = Joint(load=3.0)
     for _ in range(10):
