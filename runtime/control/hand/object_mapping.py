@@ -6,7 +6,7 @@ Prattichizzo et al., RO-MAN 2014, section II. Errata and additions: docs/object-
 from __future__ import annotations
 
 from itertools import pairwise
-from math import exp, inf, isfinite, sqrt
+from math import exp, inf, isfinite, nan, sqrt
 from operator import add
 from typing import Any, Final, Literal, cast
 
@@ -263,8 +263,14 @@ class ObjectMapping(Controller):
         return ahead
 
     def _enclose(self) -> None:
-        """Computes the sphere of the present points, for the viewer, the next step's psi and the figures."""
-        sphere = self._enclosing.around([*self._before.tolist(), *self._tips])
+        """Computes the sphere of the present points, for the viewer, the next step's psi and the figures.
+
+        At a reset some may not be measured: those aren't in it.
+        """
+        points = self._before.tolist()
+        if not self._measured:
+            points = [point for point in points if isfinite(sum(point))]
+        sphere = self._enclosing.around([*points, *self._tips])
         self.output["sphere"][:] = sphere
         self._radii = min(self._radii[0], sphere[3]), max(self._radii[1], sphere[3])
         a, b, c = self.input["tips"][0].tolist()
@@ -278,8 +284,11 @@ class ObjectMapping(Controller):
         noise_gain, noise_gain_undamped: rms motion of the robotic tip divided by the fingertips' rms noise, at the
         present posture; sphere_radius_m: least and greatest; nearest_to_thumb_m: least distance of any robotic tip;
         leashed: number of cycles in which a target was ahead of the guarded position by more than the leash.
+        Without a reference there is no noise gain (NaN).
         """
-        if self._concentric:
+        if not self._measured:
+            damped = undamped = nan
+        elif self._concentric:
             damped = undamped = self._closing.noise_gain(self._before)
         else:
             damped, undamped = self._object.noise_gain(self._before, np.array(self._tips))

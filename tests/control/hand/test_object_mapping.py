@@ -97,12 +97,17 @@ def test_a_fingertip_that_isnt_a_number_moves_nothing_and_ends(deformation: str)
     assert (controller.output["target"] != start).any()
 
 
+@pytest.mark.parametrize("lost", [[2], [0], [0, 3], [0, 1, 2, 3, 4]])
 @pytest.mark.parametrize("deformation", ["isotropic", "scaling", "concentric"])
-def test_a_hand_that_isnt_measured_at_a_reset_becomes_the_reference_once_it_is(deformation: str) -> None:
+def test_a_hand_that_isnt_measured_at_a_reset_becomes_the_reference_once_it_is(
+    deformation: str, lost: list[int]
+) -> None:
     controller = mapping(TIPS, deformation=deformation)
     start = controller.output["q"].copy()
-    controller.input["tips"][2] = np.nan
+    controller.input["tips"][lost] = np.nan
     controller.reset()
+    assert np.isfinite(controller.output["sphere"]).all()
+    assert np.isnan(controller.figures()["noise_gain"])  # the run may end here
     for _ in range(3):
         np.testing.assert_allclose(step(controller, controller.input["tips"].copy()), start, rtol=0, atol=1e-12)
     np.testing.assert_allclose(step(controller, TIPS), start, rtol=0, atol=1e-12)  # no jump to what it is by now
