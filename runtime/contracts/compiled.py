@@ -8,8 +8,10 @@ and returns RARE, and Python computes that cycle from the same state.
 from __future__ import annotations
 
 import importlib
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -22,13 +24,18 @@ from runtime.contracts.signals import Array
 Backend = Literal["auto", "c", "python"]
 Step = Callable[..., int]
 PYTHON: Final = "python"
+_NAME: Final = "runtime._compiled"
+_ELF: Final = struct.Struct("<6s34xQ10xHH")  # 64 bit: magic; where the sections' headers are, of what size, how many
 
 
 def _load() -> tuple[Any, str, bool]:
-    """The extension, or None with why, and whether there is one that is old."""
+    """The extension, or None with why, and whether there is one that isn't the package's."""
     try:
-        found = importlib.import_module("runtime._compiled")
-    except ImportError as error:  # built without a compiler, or for another machine
+        spec = find_spec(_NAME)
+        if spec is not None and spec.origin is not None and (wrong := unfit(Path(spec.origin))):
+            return None, wrong, True
+        found = importlib.import_module(_NAME)
+    except (ImportError, OSError) as error:  # built without a compiler, or for another machine
         return None, f"the laws in C aren't installed: {error}", False
     old = stale(found)
     return (None, old, True) if old else (found, "", False)
@@ -44,8 +51,25 @@ def missing() -> str:
 
 
 def is_old() -> bool:
-    """Whether there is C here, but another than that of the package's Python."""
+    """Whether there is C here, but another than that of the package's Python, or not all of it."""
     return _old
+
+
+def unfit(file: Path, package: Path = Path(__file__).parents[1]) -> str:
+    """Why this file isn't even to be loaded as the package's C; "" if it may be.
+
+    Another copy of the package may be installed beside a checkout without C. What is cut off ends the process that
+    loads it.
+    """
+    if not file.parent.samefile(package):
+        return f"the C here is of another copy of the package: {file.parent}"
+    with file.open("rb") as opened:
+        head = opened.read(_ELF.size)
+    if len(head) == _ELF.size:
+        magic, at, size, count = _ELF.unpack(head)
+        if magic == b"\x7fELF\2\1" and file.stat().st_size < at + size * count:  # they are the last
+            return f"the C here is cut off: {file.name}"
+    return ""
 
 
 def stale(found: Any, sources: Path = Path(__file__).parents[2] / "native") -> str:

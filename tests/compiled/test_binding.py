@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import weakref
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -135,3 +137,23 @@ def test_a_recording_names_what_computes_each_law_and_guard() -> None:
     assert found["guards"] == {"finger.position_command": "c"}
     python = Lockstep(graph("backend=python")).graph.layout.meta["backend"]
     assert (python["computed"], python["laws"]["hand"]) == ("python", "python: the profile's choice")
+
+
+@needs_c
+def test_a_file_that_is_cut_off_or_another_copys_isnt_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cut off at a page's end it ended the process (SIGBUS); another copy's is what an editable install finds."""
+    whole = Path(module.extension.__file__).read_bytes()
+    copy = tmp_path / "_compiled.abi3.so"
+    copy.write_bytes(whole)
+    assert module.unfit(copy, tmp_path) == ""
+    assert "of another copy of the package" in module.unfit(copy)
+    for size in (1000, 4096, 8192, len(whole) - 1):
+        copy.write_bytes(whole[:size])
+        assert "is cut off" in module.unfit(copy, tmp_path)
+    for short in (b"", b"#!/bin/sh\n", whole[:20]):
+        copy.write_bytes(short)
+        assert module.unfit(copy, tmp_path) == ""  # the loader says what it is
+    monkeypatch.setattr(module, "find_spec", lambda name: SimpleNamespace(origin=str(copy)))
+    found, why, old = module._load()
+    assert (found, old) == (None, True)
+    assert str(tmp_path) in why
