@@ -8,6 +8,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 from runtime import __version__
 from runtime.contracts.errors import SrlError
@@ -64,6 +65,8 @@ def _main(arguments: Sequence[str] | None) -> int:
 
         completion.answer(parser)
     args = parser.parse_args(arguments)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a file's name may be no UTF-8
     try:
         code = int(args.run(args))
         sys.stdout.flush()

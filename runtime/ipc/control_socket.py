@@ -20,6 +20,8 @@ from runtime.ipc.run_folder import RunFolder
 
 RETRY = 0.02  # s between attempts to reach a loop that is about to begin
 NOTE = 400  # bytes of a note's text
+NOTES = 5  # that the loop takes at once, and then as many a second
+DATAGRAM = 512  # bytes; a longer one is no request
 LIFETIME = 2_000_000_000  # ns that a request lives; a stop has no end
 STOPS = ("stop", "exit", "fault")
 
@@ -66,10 +68,12 @@ def send_note(run_folder: RunFolder, text: str) -> bool:
         Whether there is a loop, with room for it.
     """
     text = text.encode(errors="replace")[:NOTE].decode(errors="ignore")
+    while len(data := json.dumps({"ask": "note", "text": text}, ensure_ascii=False).encode()) > DATAGRAM:
+        text = text[:-16]  # JSON writes some letters with more, a name's quotes for one
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK) as sender:
         try:
             sender.connect(str(run_folder.loop_socket))
-            sender.send(json.dumps({"ask": "note", "text": text}, ensure_ascii=False).encode())
+            sender.send(data)
         except OSError:
             return False
         return True

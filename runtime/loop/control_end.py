@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from runtime.ipc.control_socket import DATAGRAM
+
 _CREDENTIALS = struct.Struct("3i")  # struct ucred: pid, uid, gid
 _ROOM = socket.CMSG_SPACE(_CREDENTIALS.size)  # for no more: descriptors that a sender passes are dropped
 
@@ -41,7 +43,7 @@ class ControlEnd:
     def take(self) -> Datagram | None:
         """Returns the next datagram; None if there is none. What is no JSON object has an empty content."""
         try:
-            data, ancillary, _, sender = self._socket.recvmsg(512, _ROOM)
+            data, ancillary, _, sender = self._socket.recvmsg(DATAGRAM, _ROOM)
         except BlockingIOError:
             return None
         pid = uid = -1

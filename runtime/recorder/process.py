@@ -14,13 +14,13 @@ from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.child import Ending
-from runtime.ipc.control_socket import send_note
+from runtime.ipc.control_socket import NOTES, send_note
 from runtime.ipc.run_folder import RunFolder
 from runtime.recorder.merge import Merger
 from runtime.recorder.stream import Stream
 from runtime.recorder.tail import Tail
 from runtime.recording.framing import HEADER, strip
-from runtime.recording.keep import Keep, make_room
+from runtime.recording.keep import LEDGER, Keep, make_room
 from runtime.recording.reader import check_run
 from runtime.recording.segments import Segments, check_target, claim, folder_of, listed
 from runtime.recording.source import Source
@@ -69,6 +69,7 @@ class Recorder:
         meta = self._stream.layout.meta
         self._keep, self._mine = Keep.of((meta.get("record") or {}).get("keep")), persons(self._stream.layout)
         self._looked, self._full = time.monotonic(), ""  # what starts a run has just looked
+        self._said: list[str] = []  # in the last look
 
     def run(self) -> int:
         """Records until the run ends, then merges the rest. Returns the exit code."""
@@ -133,15 +134,23 @@ class Recorder:
         self._merger.merge(closed)
         if time.monotonic() - self._looked > LOOK:
             self._looked = time.monotonic()
-            full = make_room(self._folder.absolute().parent, self._keep, self._mine, self._note)
+            said: list[str] = []
+            full = make_room(self._folder.absolute().parent, self._keep, self._mine, said.append)
             if full and not self._full:
-                self._note(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
+                said.append(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
             self._full = full
+            self._note([text for text in said if text not in self._said])  # not each minute that nothing can go
+            self._said = said
 
-    def _note(self, text: str) -> None:
-        """Says what happens to recordings, and has it written among the run's events."""
-        say(text)
-        send_note(self._run, text)
+    def _note(self, texts: list[str]) -> None:
+        """Says what happens to recordings, and has it written among the run's events, which take few at once."""
+        for text in texts:
+            say(text)
+        if len(texts) > NOTES:
+            more = f"and {len(texts) - NOTES + 1} more of the like; all deletions are in {LEDGER}"
+            texts = [*texts[: NOTES - 1], more]
+        for text in texts:
+            send_note(self._run, text)
 
     def _record(self) -> bool:
         """Takes rows until no more will follow. Returns False if there was no room for the last ones."""

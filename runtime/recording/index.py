@@ -37,7 +37,7 @@ class Entry:
 
     Attributes:
         path: the file, the folder of segments, or the black box.
-        name: its path from the folder.
+        name: its path from the folder, with \\xNN for what is no UTF-8: it goes into the index, pages and terminals.
         size: of its files, bytes.
         summary: what it is.
         stamp: changes when its files do.
@@ -69,7 +69,7 @@ def entries(folder: Path, rebuild: bool = False, report: Callable[[str], None] =
     made = []
     with _index(folder / NAME, rebuild, report) as index:
         for path in found:
-            name = str(path.relative_to(folder))
+            name = os.fsencode(path.relative_to(folder)).decode(errors="backslashreplace")
             stamp, size = stamped(path)
             summary = index.get(name, stamp)
             if summary is None:

@@ -96,6 +96,10 @@ def test_a_note_is_for_an_event_and_a_flood_of_them_is_none(desk: Desk) -> None:
     assert send_note(desk.folder, "ü" * 9000)
     assert desk.take() is None
     assert desk.queue.notes == ["ü" * 200]
+    for letter in ('"', "\\", "\x01"):  # JSON writes them longer
+        assert send_note(desk.folder, 1000 * letter)
+        assert desk.take() is None
+        assert set("".join(desk.queue.notes)) == {letter}
     for content in ({"ask": "note"}, {"ask": "note", "text": 3}):
         assert desk.move(content) == (None, [])
         assert (desk.queue.notes, desk.queue.dropped) == ([], 1)

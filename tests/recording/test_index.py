@@ -264,3 +264,16 @@ def test_a_figure_that_cannot_be_drawn_is_refused_before_the_run(
 ) -> None:
     assert main(["run", "finger-jog", "--sim", "--figure", str(folder / "a.rrd")]) == 2
     assert "isn't named as a picture" in capsys.readouterr().err
+
+
+def test_a_name_that_is_no_utf8_is_listed_and_deleted_like_others(
+    kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in (b"\xff.rrd", "ä.rrd".encode(), b"b.rrd"):
+        shutil.copy(kept / "b.rrd", tmp_path / os.fsdecode(name))
+    (tmp_path / os.fsdecode(b"\xff.png")).touch()
+    for _ in range(2):  # read, and from the index
+        assert {entry.name for entry in index.entries(tmp_path)} == {"\\xff.rrd", "ä.rrd", "b.rrd"}
+    assert main(["recordings", str(tmp_path), "--person", "P08", "--delete", "--yes"]) == 0
+    assert "\\xff.rrd" in capsys.readouterr().out
+    assert [path.suffix for path in tmp_path.iterdir() if path.suffix in (".rrd", ".png")] == []

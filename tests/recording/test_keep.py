@@ -196,3 +196,35 @@ def test_a_running_recorder_makes_room_and_never_of_its_own(
     assert [note.content["ask"] for note in notes if note] == ["note", "note"]
     assert "mine.rrd was deleted" in notes[0].content["text"]
     loop.close()
+
+
+def test_many_deletions_at_once_are_few_events_and_nothing_is_said_each_minute(
+    tmp_path: Path, save: Save, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The loop takes five notes at once; the kernel keeps ten."""
+    monkeypatch.setattr(keep, "clock_is_kept", lambda: False)
+    layout = make_layout()
+    layout.meta["record"]["keep"] = {"days": 1.0, "gigabytes": 1e-9}
+    run, ring, _ = make_run(tmp_path / "run", layout)
+    (tmp_path / "data").mkdir()
+    for number in range(9):
+        save(f"{number}.rrd", 30 - number).rename(tmp_path / "data" / f"{number}.rrd")
+    loop = ControlEnd(run.loop_socket)
+    recorder = Recorder(run, tmp_path / "data" / "out.rrd")
+    ring.append(make_rows(layout, 1)[0])
+    for _ in range(2):
+        recorder._looked = float("-inf")
+        recorder._grow([])
+    ring.finish()
+    assert recorder.run() == 0
+    notes = []
+    while (note := loop.take()) is not None:
+        notes.append(note.content["text"])
+    assert len(notes) == 5
+    assert "clock" in notes[0]
+    assert "0.rrd was deleted" in notes[1]
+    assert notes[-1].startswith("and 6 more")
+    said = capfd.readouterr().err
+    assert said.count("was deleted") == 9
+    assert said.count("clock") == 1
+    loop.close()
