@@ -76,6 +76,8 @@ class Loop:
             self.write(tick.now)
             ints[_WRITE] = written = monotonic()
 
+            if world is not None:
+                self.graph.row.round_truth()
             self.ring.append(self.graph.row.words)
             self.ring.touch(written)
             for each in self.requests.refused if pending is None else (pending, *self.requests.refused):
