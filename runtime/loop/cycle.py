@@ -356,9 +356,15 @@ class Cycle:
         ints[_LATCHES] = machine.latches
 
     def figures(self) -> dict[str, dict[str, object]]:
-        """The laws' own figures, by name."""
+        """The laws' own figures, by name, of those that have some. A law that fails here doesn't spoil the run."""
         self._backends.give_back()
-        return {c.name: c.figures() for c in self.graph.controllers}
+        found = {}
+        for controller in self.graph.controllers:
+            try:
+                found[controller.name] = controller.figures()
+            except Exception:
+                self.report(f"controller '{controller.name}' has no figures: {traceback.format_exc(limit=-3)}")
+        return found
 
     def category(self, actuator: Actuator) -> Stop:
         """The present stop category of this actuator: the fault's if the actuator supports it, else its own."""

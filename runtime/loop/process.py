@@ -168,8 +168,8 @@ class Process:
             requests.close()
         try:
             private_file.replace(self.run_folder.result, json.dumps(self._figures(loop)).encode())
-        except OSError as error:  # the run itself went well
-            self.report(f"the run's own figures can't be kept: {error.strerror}")
+        except Exception as error:  # whatever a driver's figures are: the run itself went well
+            self.report(f"the run's own figures can't be kept: {error!r}")
 
     def _catch_up(self) -> None:
         """Reads what the first devices have sent while the last one was opened.

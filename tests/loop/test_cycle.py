@@ -270,6 +270,17 @@ def test_a_guard_knows_that_its_measurements_are_old(tmp_path: Path) -> None:
     assert (blind[50], blind[75]) == (False, True)
 
 
+def test_a_law_that_fails_at_its_figures_doesnt_spoil_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def figures(law: Law) -> dict[str, object]:
+        raise ArithmeticError("a defect")
+
+    monkeypatch.setattr(Law, "figures", figures)
+    b = Bench(tmp_path)
+    b.run(20, lambda k: None)
+    assert b.cycle.figures() == {}
+    assert "a defect" in b.events[-1]
+
+
 def test_in_a_stop_a_law_weighs_on_until_it_fails_and_again_after_a_reset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
