@@ -28,6 +28,12 @@ MADE_OF: Final = (
     *(".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps", ".gif"),
     *(".parquet", ".mcap", ".c3d", ".bvh"),
 )
+# by which such a file says by what it was made; the other kinds don't
+_MARKS: Final = {
+    **dict.fromkeys((".png", ".pdf", ".svg", ".eps"), b"Matplotlib"),
+    **{".parquet": b"srl.layout", ".mcap": b"srl-runtime", ".c3d": b"SHA256"},
+}
+_ENDS: Final = 16 << 20  # bytes of a file's beginning and end, in which its mark is
 _PATIENCE: Final = 5.0  # s that another program may hold the index
 
 
@@ -83,7 +89,8 @@ def entries(folder: Path, rebuild: bool = False, report: Callable[[str], None] =
 def made_of(path: Path) -> list[Path]:
     """The pictures and exports beside a recording: files of its name. No links, nothing write-protected.
 
-    Nothing that is older than it, either: a motion capture or a form of the same trial wasn't made of it.
+    Nothing that is older than it, either, or that another program made: a motion capture or a form of the same trial
+    wasn't made of it.
     """
     name = path.name.removesuffix(".segments")
     if not name.endswith(".rrd") or (name != path.name and path.with_name(name).exists()):
@@ -94,9 +101,19 @@ def made_of(path: Path) -> list[Path]:
         file = path.with_name(stem + ending)
         with contextlib.suppress(OSError):
             state, ended = file.lstat(), path.stat().st_mtime_ns
-            if stat.S_ISREG(state.st_mode) and state.st_mode & stat.S_IWUSR and state.st_mtime_ns >= ended:
+            ours = stat.S_ISREG(state.st_mode) and state.st_mode & stat.S_IWUSR and state.st_mtime_ns >= ended
+            if ours and _marked(file, _MARKS.get(ending, b"")):
                 found.append(file)
     return found
+
+
+def _marked(file: Path, mark: bytes) -> bool:
+    """Whether a file holds its kind's mark, near its beginning or its end."""
+    with file.open("rb") as opened:
+        if mark in opened.read(_ENDS):
+            return True
+        opened.seek(max(opened.seek(0, os.SEEK_END) - _ENDS, 0))
+        return mark in opened.read()
 
 
 def delete(entry: Entry) -> None:

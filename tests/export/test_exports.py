@@ -20,7 +20,9 @@ from runtime.ipc.events import Event, Level
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED
 from runtime.profile import profile, wiring
+from runtime.recorder.figure import draw
 from runtime.recording.elements import elements
+from runtime.recording.index import made_of
 from runtime.recording.reader import Recording
 
 
@@ -314,3 +316,14 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatc
 def test_a_package_that_is_not_installed_is_named_with_its_extra() -> None:
     with pytest.raises(Exception, match=r"pip install 'srl-runtime\[mcap\]'"):
         report.needed("mcap_writer_of_another_day", "mcap", "--mcap")
+
+
+def test_exports_and_pictures_are_known_as_made_of_their_recording(tmp_path: Path) -> None:
+    (tmp_path / "run.rrd").touch()
+    wanted = [f"run{ending}" for ending in (".png", ".pdf", ".svg", ".eps")]
+    for name in wanted:
+        draw(recorded(), tmp_path / name)
+    for form, ending in formats.ENDINGS.items():
+        formats.write(form, recorded(), tmp_path / f"run{ending}")
+        wanted.append(f"run{ending}")
+    assert [path.name for path in made_of(tmp_path / "run.rrd")] == wanted

@@ -271,9 +271,9 @@ def test_a_name_that_is_no_utf8_is_listed_and_deleted_like_others(
 ) -> None:
     for name in (b"\xff.rrd", "ä.rrd".encode(), b"b.rrd"):
         shutil.copy(kept / "b.rrd", tmp_path / os.fsdecode(name))
-    (tmp_path / os.fsdecode(b"\xff.png")).touch()
+    (tmp_path / os.fsdecode(b"\xff.jpg")).touch()
     for _ in range(2):  # read, and from the index
         assert {entry.name for entry in index.entries(tmp_path)} == {"\\xff.rrd", "ä.rrd", "b.rrd"}
     assert main(["recordings", str(tmp_path), "--person", "P08", "--delete", "--yes"]) == 0
     assert "\\xff.rrd" in capsys.readouterr().out
-    assert [path.suffix for path in tmp_path.iterdir() if path.suffix in (".rrd", ".png")] == []
+    assert [path.suffix for path in tmp_path.iterdir() if path.suffix in (".rrd", ".jpg")] == []

@@ -106,17 +106,21 @@ def test_the_oldest_make_room_and_what_must_stay_stays(tmp_path: Path, save: Sav
 
 def test_pictures_and_exports_go_with_their_recording_and_nothing_else_does(tmp_path: Path, save: Save) -> None:
     save("old.rrd", 31)
-    for name in ("old.png", "old.parquet", "old.yaml", "older.png", "old.svg"):
-        (tmp_path / name).write_bytes(b"x")
+    for name in ("old.png", "old.yaml", "older.png", "old.svg", "old.jpg"):
+        (tmp_path / name).write_bytes(b"... Software Matplotlib")
+    (tmp_path / "old.parquet").write_bytes(b"PAR1" + bytes(40 << 20) + b"srl.layout {} PAR1")
+    (tmp_path / "old.mcap").write_bytes(b"another program's")
+    (tmp_path / "old.pdf").write_bytes(b"what the person answered after the trial")
     (tmp_path / "old.svg").chmod(0o440)
     (tmp_path / "old.gif").symlink_to(tmp_path / "older.png")
     (tmp_path / "old.c3d").write_bytes(b"what the cameras of the lab saw in the same trial")
     os.utime(tmp_path / "old.c3d", ns=((tmp_path / "old.rrd").stat().st_mtime_ns - 1,) * 2)
     said: list[str] = []
     make_room(tmp_path, Keep(days=30.0), (), said.append)
-    assert names(tmp_path) == ["old.c3d", "old.gif", "old.svg", "old.yaml", "older.png"]
-    assert "old.rrd was deleted with old.png, old.parquet" in said[0]
-    assert json.loads((tmp_path / LEDGER).read_text())["with"] == ["old.png", "old.parquet"]
+    stays = ["old.c3d", "old.gif", "old.mcap", "old.pdf", "old.svg", "old.yaml", "older.png"]
+    assert names(tmp_path) == stays
+    assert "old.rrd was deleted with old.png, old.jpg, old.parquet" in said[0]
+    assert json.loads((tmp_path / LEDGER).read_text())["with"] == ["old.png", "old.jpg", "old.parquet"]
 
 
 def test_every_picture_and_export_is_known_as_such() -> None:
