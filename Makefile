@@ -1,4 +1,4 @@
-# make setup | demo | test | slow | lint | docs | bench | bench-quick | soak
+# make setup | demo | test | slow | exhaustive | lint | docs | bench | bench-quick | soak
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,7 @@ OUT := out
 # Where it is set, each of the tests' thousand processes would compile the whole project anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial lint docs bench bench-quick soak clean
+.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial exhaustive lint docs bench bench-quick soak clean
 
 setup: $(VENV)/.ready
 
@@ -39,10 +39,16 @@ test-serial: setup
 slow: slow-parallel slow-serial
 
 slow-parallel: setup
-	$(PYTEST) -n 2 --dist loadfile -m "slow and not serial"
+	$(PYTEST) -n 2 --dist loadfile -m "slow and not serial and not exhaustive"
 
 slow-serial: setup
-	$(PYTEST) -m "slow and serial" $(SERIAL)
+	$(PYTEST) -m "slow and serial and not exhaustive" $(SERIAL)
+
+# What CI doesn't run: the rest of the products of which it runs a sample, and new examples of what hypothesis tries.
+exhaustive: setup
+	$(PYTEST) -n 2 --dist loadfile -m "exhaustive and not serial"
+	$(PYTEST) -m "exhaustive and serial" $(SERIAL)
+	$(PYTEST) -n 2 --dist loadfile --hypothesis-profile exhaustive -m "hypothesis and not slow"
 
 lint: setup
 	$(BIN)/ruff check .

@@ -1,10 +1,12 @@
 """Settings for every test: hypothesis without deadlines, as the machine may be slow at any instant; short paths."""
 
+import gc
 import shutil
 import signal
 import tempfile
 
 import pytest
+from helpers.sampled import sampled
 from hypothesis import settings
 
 LONGEST = 16  # bytes of the folder that holds all others: with a test's own below it, a Unix socket's 107 bytes do
@@ -14,7 +16,10 @@ LONGEST = 16  # bytes of the folder that holds all others: with a test's own bel
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-settings.register_profile("srl", deadline=None, derandomize=True)
+# Derandomised, the examples are the same in each run: more of them find nothing that was not found before. New ones are
+# looked for by `make exhaustive`.
+settings.register_profile("srl", deadline=None, derandomize=True, max_examples=40)
+settings.register_profile("exhaustive", deadline=None, max_examples=1000)
 settings.load_profile("srl")
 
 
@@ -29,3 +34,31 @@ def pytest_configure(config: pytest.Config) -> None:
         root = next(folder for folder in (tempfile.gettempdir(), "/tmp") if len(folder) <= LONGEST)
         config.option.basetemp = tempfile.mkdtemp(prefix="srl-", dir=root)
         config.add_cleanup(lambda: shutil.rmtree(config.option.basetemp, ignore_errors=True))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked `sampled` CI runs a sample of its cases; the others are marked `slow` and `exhaustive`.
+
+    `sampled()`: so few that each value of each parameter occurs; `sampled(n)`: n of them, evenly spaced. A case that is
+    asked for alone is a sample of its own.
+    """
+    products: dict[str, list[pytest.Function]] = {}
+    for item in items:
+        if isinstance(item, pytest.Function) and item.get_closest_marker("sampled"):
+            products.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for cases in products.values():
+        marker = cases[0].get_closest_marker("sampled")
+        assert marker is not None
+        values = [{name: id(value) for name, value in case.callspec.params.items()} for case in cases]
+        taken = sampled(values, *marker.args)
+        for i, case in enumerate(cases):
+            if i not in taken:
+                case.add_marker("slow")
+                case.add_marker("exhaustive")
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays: looking through it at each collection takes a twentieth of the tests' time."""
+    gc.collect()
+    gc.freeze()

@@ -35,6 +35,7 @@ def comments(text: str) -> list[str]:
     return re.findall(r"#.*", text)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("template", shelf.shipped())
 def test_each_shipped_profile_begins_one_that_passes(
     template: str, folder: Path, capsys: pytest.CaptureFixture[str]

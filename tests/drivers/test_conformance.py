@@ -25,14 +25,17 @@ from runtime.ipc.words import State
 # Their motors know where they stand only within a part of a turn, so after a loss of power they must be parked.
 FORGETFUL = ("cubemars-servo", "mit-can-v2", "mit-can-v3", "odrive")
 DATAGRAMS = tuple(name for name in WIRES if name.startswith(("base", "panda")))
-# What the fast tests look at: a kind of bus each. The rest of the family is slow.
+# What the fast tests look at: a kind of bus each. Of the rest of the family CI takes a third for each test, another one
+# for the next test; `make exhaustive` takes all.
 FEW = ("dynamixel-position-2", "feetech", "firmata", "mit-can-damiao", "softhand")
 MANY = tuple(name for name in WIRES if name not in FEW)
 
 
-def wires(names=tuple(WIRES), slow=()):
-    """A test for each of these wires."""
-    marks = {name: [pytest.mark.slow] * (name in slow) + [pytest.mark.serial] * (name == "base") for name in names}
+def wires(turn, names=tuple(WIRES), slow=()):
+    """A test for each of these wires; `turn` says which third of the slow ones CI takes."""
+    marks = {name: [pytest.mark.serial] * (name == "base") for name in names}
+    for i, name in enumerate(name for name in WIRES if name in names and name in slow):
+        marks[name] += [pytest.mark.slow] + [pytest.mark.exhaustive] * ((i + turn) % 3 > 0)
     return pytest.mark.parametrize("name", [pytest.param(name, marks=marks[name]) for name in names])
 
 
@@ -57,7 +60,7 @@ def moves_on(u, first):
     assert not u.reseated(met), "once the wave was met again"
 
 
-@wires(slow=MANY)
+@wires(0, slow=MANY)
 def test_in_normal_operation_the_guard_is_left_alone(under):
     """The declared period and resolution, with an adapter that holds back for 16 ms what comes."""
     u = under
@@ -75,7 +78,7 @@ def test_in_normal_operation_the_guard_is_left_alone(under):
     u.judge()
 
 
-@wires(slow=MANY)
+@wires(1, slow=MANY)
 @pytest.mark.parametrize(
     "seconds", [pytest.param(0.1, marks=pytest.mark.slow), 0.5, pytest.param(2.0, marks=pytest.mark.slow)]
 )
@@ -95,7 +98,7 @@ def test_a_link_that_takes_nothing(under, seconds):
     moves_on(u, first)
 
 
-@wires([name for name in WIRES if name not in DATAGRAMS], slow=MANY)
+@wires(2, [name for name in WIRES if name not in DATAGRAMS], slow=MANY)
 def test_a_link_that_takes_half_a_frame(under):
     u, valve = under, under.wire.valve
     u.until(u.follows)
@@ -109,7 +112,7 @@ def test_a_link_that_takes_half_a_frame(under):
     moves_on(u, first)
 
 
-@wires(slow=MANY)
+@wires(3, slow=MANY)
 def test_a_link_that_takes_every_second_command(under):
     u, valve = under, under.wire.valve
     u.until(u.follows)
@@ -122,7 +125,7 @@ def test_a_link_that_takes_every_second_command(under):
     moves_on(u, first)
 
 
-@wires([name for name in WIRES if name not in FORGETFUL], slow=MANY)
+@wires(4, [name for name in WIRES if name not in FORGETFUL], slow=MANY)
 def test_a_device_that_comes_back_as_another(under):
     u, wire = under, under.wire
     u.until(u.follows)
@@ -144,7 +147,7 @@ def test_a_device_that_comes_back_as_another(under):
     u.judge()
 
 
-@wires(FORGETFUL)
+@wires(5, FORGETFUL)
 def test_a_device_that_may_have_lost_its_position_is_moved_no_more(under):
     """Not by a reset, either: only a person can say where the limb stands, by parking it."""
     u, wire = under, under.wire
@@ -181,7 +184,7 @@ OWN = {
 }
 
 
-@wires(OWN, slow=MANY)
+@wires(6, OWN, slow=MANY)
 def test_what_a_device_does_by_itself_is_known(name, monkeypatch, tmp_path):
     options = {"watchdog": 0.2} if name.startswith(("dynamixel", "mit-can")) else {}
     seconds, fault = OWN[name]

@@ -146,6 +146,7 @@ def test_closing_ends_a_velocity(protocol):
         np.testing.assert_allclose(truth(rig), a, atol=2e-3)
 
 
+@pytest.mark.sampled
 @BOTH
 @pytest.mark.parametrize("mode", ["position", "velocity", "effort"])
 @pytest.mark.parametrize("cut", [0, 3, 9, 17])

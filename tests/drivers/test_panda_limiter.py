@@ -109,6 +109,7 @@ def test_a_lost_packet_is_carried_on_from_where_the_robot_took_it():
             robot.take(robot.q + dq * DT, dq)
 
 
+@pytest.mark.sampled
 @ROBOTS
 @pytest.mark.parametrize("real", [np.float64, np.float32])
 @pytest.mark.parametrize("position", [False, True])
@@ -138,6 +139,7 @@ def test_many_lost_packets_make_no_oscillation(limits, real, position, seed):
     assert not position or np.abs(robot.q - wanted).max() < 1e-3
 
 
+@pytest.mark.sampled
 @ROBOTS
 @pytest.mark.parametrize("gap", [1, 2, 3, 6, 12, 19])
 @settings(max_examples=25, deadline=None)

@@ -171,6 +171,7 @@ def test_a_command_has_the_limits_of_its_own_quantity(
     rows[:, layout.ints] = np.linspace(-1.0, 1.0, 100).view(np.int64)
     shown: list[Any] = []
     monkeypatch.setattr(figure.plt, "close", shown.append)
+    monkeypatch.setattr(figure.plt.Figure, "savefig", lambda *_, **__: None)  # most of the time
     figure.draw(Recording(Path("x.rrd"), layout, np.arange(1, 101), rows, [], [], 0), tmp_path / "x.png")
     panel = next(axis for axis in shown[0].axes if axis.get_title(loc="left") == "arm.command joint")
     drawn = {float(line.get_ydata()[0]) for line in panel.get_lines() if line.get_label() == "limit"}

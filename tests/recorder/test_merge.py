@@ -272,6 +272,7 @@ def test_a_recording_cut_at_any_byte_while_it_grows_gives_all_that_stands_in_it_
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("at", [0, 1, 11, 12, 100, -1, *np.random.default_rng(5).integers(0, 300_000, 8).tolist()])
 def test_a_recorder_goes_on_with_a_growing_file_that_is_cut_anywhere(grown: Path, tmp_path: Path, at: int) -> None:
     out = tmp_path / "out.rrd"

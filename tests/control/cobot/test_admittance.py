@@ -198,6 +198,7 @@ def held(stiffness: float, delay: float, tank: float | None, seconds: float = 8.
     return seen
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("stiffness", [200, 500, 1000, 2000])
 @pytest.mark.parametrize("delay", [0.002, 0.01, 0.02, 0.03])
 def test_a_stiff_hand_behind_a_delay_makes_no_growing_oscillation(stiffness: float, delay: float) -> None:

@@ -34,7 +34,8 @@ def test_markers_swapped_from_the_first_frame_on_are_rejected() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stature", [1.5, pytest.param(1.95, marks=pytest.mark.slow)])
+@pytest.mark.sampled
+@pytest.mark.parametrize("stature", [1.5, 1.95])
 @pytest.mark.parametrize(
     "names",
     [("RWRA", "RWRB"), ("RWRA", "RFIN"), ("RWRB", "RFIN"), ("RWRA", "RWRB", "RFIN"), ("RWRA", "RFIN", "RWRB"),

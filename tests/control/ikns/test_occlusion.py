@@ -114,11 +114,10 @@ def test_after_a_circle_about_straight_forward_c_is_what_it_was(cone: float, sen
 
 
 @pytest.mark.slow
+@pytest.mark.sampled
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 @pytest.mark.parametrize("cone", [5.0, 10.0, 15.0])
-@pytest.mark.parametrize(
-    "turned", [-60.0, *(pytest.param(at, marks=pytest.mark.slow) for at in (-30.0, 0.0, 60.0)), 30.0]
-)
+@pytest.mark.parametrize("turned", [-60.0, -30.0, 0.0, 60.0, 30.0])
 def test_after_a_narrow_circle_it_is_held_or_what_it_was(cone: float, sense: float, turned: float) -> None:
     """The upper arm, nearly straight forward, circles without turning about itself; the elbow is bent by 60 degrees."""
     q = posture(0.0)
