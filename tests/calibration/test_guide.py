@@ -325,6 +325,7 @@ def test_a_folder_that_isnt_there_is_named(good: tuple[Actor, Result], tmp_path:
         write(tmp_path / "none" / "p07.json", good[1], replacing=False)
 
 
+@pytest.mark.slow
 def test_the_report_says_what_was_found(good: tuple[Actor, Result], tmp_path: Path) -> None:
     _, result = good
     told = report.figures(result)

@@ -101,6 +101,7 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
     assert running() == []
 
 
+@pytest.mark.slow
 def test_a_run_that_doesnt_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))

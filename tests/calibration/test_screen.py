@@ -130,6 +130,7 @@ def test_a_word_that_is_no_command_writes_nothing(actor: Actor, tmp_path: Path) 
     assert not (tmp_path / "a.json").exists()
 
 
+@pytest.mark.slow
 def test_a_refused_point_is_done_again_at_once(actor: Actor) -> None:
     actor.person = Person(wander={3: 0.1})
     screen = Answers("r 99", "r 3", "", then=lambda: setattr(actor, "person", Person()))
@@ -139,6 +140,7 @@ def test_a_refused_point_is_done_again_at_once(actor: Actor) -> None:
     assert "Enter" in screen.asked[-1]
 
 
+@pytest.mark.slow
 def test_a_point_without_markers_is_done_again_at_once(actor: Actor) -> None:
     actor.person = Person(hidden={4})
     screen = Answers("r 4", "", then=lambda: setattr(actor, "person", Person()))

@@ -51,6 +51,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     return run
 
 
+@pytest.mark.slow
 def test_the_file_goes_where_the_profile_says(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -111,6 +112,7 @@ def test_a_file_that_is_there_stays_without_yes(
     assert (folder / "p07.json").read_bytes() != before
 
 
+@pytest.mark.slow
 def test_every_file_that_was_replaced_is_kept(command: Command, folder: Path) -> None:
     before = []
     for _ in range(3):
@@ -131,6 +133,7 @@ def test_a_link_is_followed(command: Command, folder: Path) -> None:
     assert {p.name for p in (folder / "kept").iterdir()} == {"own.json", "own.json.old", "own.json.report.png"}
 
 
+@pytest.mark.slow
 def test_a_shipped_profile_keeps_its_file(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -185,6 +188,7 @@ def test_a_profile_without_the_law_is_named(folder: Path, capsys: pytest.Capture
     assert "the profile has no law 'ikns'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_recording_gives_the_same_file_and_a_point_is_done_again(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -286,6 +290,7 @@ def test_a_recording_alone_says_that_it_holds_no_sense(
     assert "--sense p08.json: it is of P08" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_another_body_and_a_mixture_are_refused(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

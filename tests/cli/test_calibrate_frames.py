@@ -64,6 +64,7 @@ def apart(found: Pose, true: tuple[float, ...]) -> tuple[float, float]:
     return float(away), float((turns[0].inv() * turns[1]).magnitude())
 
 
+@pytest.mark.slow
 def test_a_hidden_base_and_tracker_are_found_and_the_profile_reads_them(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

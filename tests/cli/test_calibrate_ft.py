@@ -56,6 +56,7 @@ def read(path: Path) -> FtRecord:
     return record_file.read(FtRecord, path)
 
 
+@pytest.mark.slow
 def test_hidden_bias_and_load_are_found_and_the_profile_reads_them(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -123,6 +124,7 @@ def test_what_cant_work_is_refused_with_its_reason(
     assert sorted(folder.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_the_old_file_is_kept(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("--sim") == 0
     first = (folder / "handle.json").read_bytes()

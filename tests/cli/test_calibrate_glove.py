@@ -58,6 +58,7 @@ def read(path: Path) -> GloveRecord:
     return record_file.read(GloveRecord, path)
 
 
+@pytest.mark.slow
 def test_hidden_characteristics_are_found_and_the_profile_reads_them(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

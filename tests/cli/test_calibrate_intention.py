@@ -55,6 +55,7 @@ def read(path: Path) -> Record:
     return record_file.read(Record, path)
 
 
+@pytest.mark.slow
 def test_the_ten_actions_are_recorded_and_the_law_reads_the_file(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -178,6 +179,7 @@ def test_the_file_of_a_profile_that_comes_with_srl_stays(folder: Path, capsys: p
     assert "the profile 'suit-intention' comes with srl" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_every_file_that_was_there_is_kept_and_a_link_stays(command: Command, folder: Path) -> None:
     (folder / "files").mkdir()
     (folder / "p07.json").symlink_to("files/p07.json")

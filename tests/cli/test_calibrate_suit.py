@@ -59,6 +59,7 @@ def read(path: Path) -> SuitRecord:
     return record_file.read(SuitRecord, path)
 
 
+@pytest.mark.slow
 def test_a_hidden_heading_and_drift_are_found_and_the_profile_reads_them(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

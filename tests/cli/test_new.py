@@ -67,6 +67,7 @@ def test_values_and_ports_are_written(folder: Path, capsys: pytest.CaptureFixtur
     assert "srl doctor mine.yaml" in said
 
 
+@pytest.mark.slow
 def test_a_calibration_comes_along_under_the_new_name_and_a_persons_takes_its_place(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -81,6 +82,7 @@ def test_a_calibration_comes_along_under_the_new_name_and_a_persons_takes_its_pl
     assert "it was made in simulation" in said
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_is_kept(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "mine.yaml").write_text("mine before\n")
     (folder / "mine.calibration.json").write_bytes(
@@ -100,6 +102,7 @@ def test_a_file_that_is_there_is_kept(folder: Path, capsys: pytest.CaptureFixtur
     assert (folder / "mine.yaml.old.2").exists()
 
 
+@pytest.mark.slow
 def test_another_folder_and_a_file_that_was_typed_from_here(folder: Path) -> None:
     """A path that is typed begins here, one in a profile beside it: it leads to the same file."""
     (folder / "sub").mkdir()
@@ -301,6 +304,7 @@ def test_ctrl_c_in_the_check_leaves_nothing(folder: Path, monkeypatch: pytest.Mo
     assert not list(folder.iterdir())
 
 
+@pytest.mark.slow
 def test_the_limb_is_jogged_before_it_follows_anybody(capsys: pytest.CaptureFixture[str]) -> None:
     """The sense of a joint, and which is which, no check can know."""
     assert main(["new", "mine", "--from", "kairos-man"]) == 0

@@ -118,6 +118,7 @@ def test_replay_and_export_are_at_work_while_they_read(
     assert shown == [f"none.rrd is {arguments[0]}ed"]
 
 
+@pytest.mark.slow
 def test_a_run_shows_on_a_terminal_that_it_begins(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     environment = os.environ | {"SRL_RUNTIME_DIR": str(tmp_path / "run"), "SRL_STATE_DIR": str(tmp_path / "state")}

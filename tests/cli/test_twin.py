@@ -75,6 +75,7 @@ def test_both_devices_with_faults_and_log(tmp_path: Path):
     assert len(rows["glove.sent_ns"]) >= 20
 
 
+@pytest.mark.slow
 def test_ends_by_itself_and_prints_a_line_to_paste():
     done = subprocess.run(
         [sys.executable, "-m", "runtime", "twin", "sixth-finger", "glove", "--duration", "0.1", "--set", "rate=50"],
@@ -85,6 +86,7 @@ def test_ends_by_itself_and_prints_a_line_to_paste():
     assert line == f"srl run sixth-finger --set rate=50 --set devices.glove.port={port} --confirm"
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_no_error():
     with TwinProcess("sixth-finger") as twin:
         twin.process.send_signal(signal.SIGINT)

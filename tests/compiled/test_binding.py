@@ -73,6 +73,7 @@ def test_a_time_that_can_not_be_is_for_python() -> None:
     assert kept.tolist() == [1.0, 1.0]
 
 
+@pytest.mark.slow
 @needs_c
 def test_bound_arrays_live_as_long_as_what_is_bound_to_them() -> None:
     applied, kept = np.ones(2), np.zeros(2)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 from helpers.compiled import ODD, needs_c
 from hypothesis import given
 from hypothesis import strategies as st
@@ -43,6 +44,7 @@ def device(in_c: bool) -> tuple[Device, list[np.ndarray], list[np.ndarray]]:
     return made, found, sent
 
 
+@pytest.mark.slow
 @given(cycles)
 def test_what_left_is_the_same(taken: list[tuple[list[float] | None, ...]]) -> None:
     both = device(True), device(False)

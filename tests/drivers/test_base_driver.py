@@ -38,6 +38,7 @@ def test_it_drives_and_says_where_it_is(options: dict[str, Any], clock: float) -
         assert health.stamp <= time.monotonic_ns()
 
 
+@pytest.mark.slow
 def test_a_silent_loop_means_zero_velocity() -> None:
     with robot() as r:
         r.base.open()
@@ -65,6 +66,7 @@ def test_a_loop_that_dies_leaves_a_stop_frame() -> None:
         os.close(duplicate)
 
 
+@pytest.mark.slow
 def test_the_process_stops_it_when_the_driver_is_gone() -> None:
     with robot(expiry=0.5) as r:
         r.base.open()
@@ -111,6 +113,7 @@ def test_stop_and_close_stop_it() -> None:
         assert r.served.do(lambda: r.twin.taken[-1][1]) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_the_emergency_stop_is_a_fault_while_it_lasts() -> None:
     with robot(sim={"pressed": ((1.5, 3.0),)}) as r:
         r.base.open()

@@ -30,6 +30,7 @@ def test_a_bridge_that_restarts_is_lost_and_comes_back() -> None:
         r.drive()
 
 
+@pytest.mark.slow
 def test_a_bridge_that_hangs_is_lost_and_comes_back() -> None:
     with robot() as r:
         r.base.open()

@@ -122,6 +122,7 @@ garbage = st.binary(max_size=60)
 streams = st.lists(records | replies | garbage, max_size=12).map(b"".join)
 
 
+@pytest.mark.slow
 @given(streams, st.data())
 @settings(max_examples=300)
 def test_the_result_does_not_depend_on_the_cuts(stream, data):

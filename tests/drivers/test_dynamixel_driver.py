@@ -93,6 +93,7 @@ def test_effort_of_a_held_load_is_measured(protocol):
         assert rig.state["effort"][1] > 0.5
 
 
+@pytest.mark.slow
 @BOTH
 def test_extended_position_goes_over_several_turns(protocol):
     motors = {"screw": {"model": "MX-28", "m_per_rad": 0.001}}

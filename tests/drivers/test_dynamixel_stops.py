@@ -76,6 +76,7 @@ def test_turns_are_taken_up_after_a_reboot():
         assert truth(rig)[0] == pytest.approx(before, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_a_servo_that_does_not_come_back_stays_a_fault_until_the_bus_is_opened_anew():
     with Rig(make_twin()) as rig:
         where = rig.hold()

@@ -74,6 +74,7 @@ def test_numbers_that_json_doesnt_know_are_read(words: str) -> None:
     assert frame.values[-1] == float(words)
 
 
+@pytest.mark.slow
 @given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.integers(-3, 3)), min_size=180, max_size=180))
 def test_four_decimals_are_read_as_floats_are(values: list[float]) -> None:
     words = [f"{value:.4f}" for value in values]

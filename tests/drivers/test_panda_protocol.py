@@ -168,6 +168,7 @@ def test_messages_are_the_same_however_they_are_cut(version, cuts):
     assert (parser.frames, parser.errors, parser.resyncs) == (4, 0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", packets.VERSIONS)
 def test_a_flood_of_damage_leaves_both_parsers_able_to_read(version):
     requests = b"".join(

@@ -224,6 +224,7 @@ def test_a_stop_frame_behind_half_a_command_ends_the_connection_and_the_arm_stop
     assert speed(rig.fake) < 0.005
 
 
+@pytest.mark.slow
 def test_waiting_costs_a_sign_of_life_a_second_and_the_program_stays(rig):
     driver = rig.open()
     before = rig.twin.rtde.seen["U"]

@@ -68,6 +68,7 @@ def test_a_protective_stop_is_a_fault_and_recovery_waits_its_5_s(rig):
     assert speed(rig.fake) > 0.3
 
 
+@pytest.mark.slow
 def test_an_arm_in_a_protective_stop_is_opened_with_its_fault(rig):
     rig.fake.controller.protective_stop("test")
     rig.bench.run(0.01)
@@ -124,6 +125,7 @@ def test_a_safeguard_stop_ends_by_itself_and_nothing_moves_on(rig):
     assert driver.health.fault == ""
 
 
+@pytest.mark.slow
 def test_a_reduced_speed_is_told(rig):
     driver = rig.open()
     rig.fake.controller.slider = 0.5

@@ -81,6 +81,7 @@ def test_every_message_of_the_bus_with_the_devices_own_stamps(tmp_path: Path) ->
         other.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "wanted", "said"),
     [
@@ -100,6 +101,7 @@ def test_a_sender_with_other_names_is_refused(tmp_path: Path, key: str, wanted: 
         other.close()
 
 
+@pytest.mark.slow
 def test_the_end_of_the_other_runtime_is_a_loss(tmp_path: Path) -> None:
     other = Other(tmp_path)
     device = remote(other.port, silence=10.0)
@@ -113,6 +115,7 @@ def test_the_end_of_the_other_runtime_is_a_loss(tmp_path: Path) -> None:
         other.close()
 
 
+@pytest.mark.slow
 def test_the_wrong_instance_and_signal_are_named(tmp_path: Path) -> None:
     other = Other(tmp_path)
     try:

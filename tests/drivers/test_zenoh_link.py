@@ -126,6 +126,7 @@ def test_a_session_gets_nothing_of_the_one_before(door: ZenohDoor) -> None:
     link.close()
 
 
+@pytest.mark.slow
 def test_a_loop_that_does_not_read_costs_nobody_anything(door: ZenohDoor) -> None:
     link = opened(door)
     subscribed(link, door, bytes(1000))
@@ -150,6 +151,7 @@ def test_nobody_there_is_said(door: ZenohDoor) -> None:
     link.close()
 
 
+@pytest.mark.slow
 def test_a_command_taken_while_the_socket_was_full_holds_up_none_after_it(door: ZenohDoor) -> None:
     link = opened(door)
     subscribed(link, door, bytes(1000))

@@ -60,6 +60,7 @@ CASES: dict[str, tuple[Any, str, int, bool]] = {  # the motors, the stop, the si
 
 
 @pytest.mark.serial
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CASES)
 def test_every_motor_of_the_bus_is_stopped(tmp_path: Path, name: str) -> None:
     make, stop, how, frames = CASES[name]

@@ -140,6 +140,7 @@ def damps(live: Live, since: float) -> float | None:
     return None
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CASES)
 def test_what_a_fault_does_to_the_wearer(limb: Any, tmp_path: Path, name: str) -> None:
     fault, told = CASES[name]

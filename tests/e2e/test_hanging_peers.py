@@ -97,6 +97,7 @@ def until_moving(run: Running, client: Client, peer: Peer, case: Case) -> None:
     )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("case", CASES, ids=[case.profile for case in CASES])
 def test_no_burst_no_old_sample_a_safe_stop_and_a_recovery(tmp_path: Path, case: Case) -> None:
     name, _, _ = load(case.profile)

@@ -135,16 +135,31 @@ def test_its_own_packages_are_used_and_not_the_checkout(installed: Installed) ->
         assert Path(line).is_relative_to(installed.bin.parent), line
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_each_commands_help(installed: Installed, command: str) -> None:
-    assert installed.run("srl", command, "--help").startswith(f"usage: srl {command}")
+def in_one_process(installed: Installed, *commands: list[str]) -> list[str]:
+    """What each command of `srl` prints; a start for each would take a second, and all of them would show the same."""
+    code = (
+        "import contextlib, io, json, sys; from runtime.cli import main; found = []\n"
+        "for command in json.loads(sys.argv[1]):\n"
+        "    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):\n"
+        "        main(command)\n"
+        "    found.append(said.getvalue())\n"
+        "print(json.dumps(found))"
+    )
+    found: list[str] = json.loads(installed.run("python", "-c", code, json.dumps(commands)))
+    return found
+
+
+def test_each_commands_help(installed: Installed) -> None:
+    said = in_one_process(installed, *([command, "--help"] for command in COMMANDS))
+    for command, words in zip(COMMANDS, said, strict=True):
+        assert words.startswith(f"usage: srl {command}")
 
 
 def test_every_shipped_profile_is_listed_and_checked(installed: Installed) -> None:
     names = [each["name"] for each in json.loads(installed.run("srl", "list", "--json"))["profiles"]]
     assert names == shelf.shipped()
-    for name in names:
-        assert json.loads(installed.run("srl", "check", name, "--sim", "--json"))["profile"] == name
+    said = in_one_process(installed, *(["check", name, "--sim", "--json"] for name in names))
+    assert [json.loads(each)["profile"] for each in said] == names
 
 
 def test_a_run_is_recorded_drawn_and_replayed(installed: Installed) -> None:
@@ -163,6 +178,7 @@ def test_the_panels_page_is_there(installed: Installed) -> None:
     assert files == sorted(p.name for p in (ROOT / "runtime" / "panel" / "page").iterdir())
 
 
+@pytest.mark.sampled(1)  # that every data file is there is seen above
 @pytest.mark.parametrize("study", STUDIES)
 def test_a_study_of_each_family_runs(installed: Installed, study: str) -> None:
     said = installed.run("srl", "study", study, "--quick", "--workers", "2", "--json", "--out", "out")

@@ -24,6 +24,7 @@ SAID = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("driver", SAID)
 def test_a_new_limb_is_held_by_its_twin_s_drives(driver: str, tmp_path: Path) -> None:
     (tmp_path / "hip.urdf").write_text(HIP)

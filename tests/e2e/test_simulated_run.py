@@ -88,6 +88,7 @@ def test_commands_stay_within_the_guards_limits(recording: Recording) -> None:
     )  # of position samples, not of the profile
 
 
+@pytest.mark.slow
 def test_a_replay_gives_the_same_bits(folder: Path, recording: Recording) -> None:
     found = json.loads(call(folder, "replay", "x.rrd", "--json").stdout)
     assert found["largest_difference"] == 0.0
@@ -111,6 +112,7 @@ def test_the_same_seed_gives_the_same_run(folder: Path, recording: Recording) ->
         assert a.tobytes() == b.tobytes(), f"{name} ({field.role}) differs"
 
 
+@pytest.mark.slow
 def test_a_recording_is_never_overwritten(folder: Path, run: dict[str, object]) -> None:
     done = call(folder, "run", "sixth-finger", "--sim", "--fast", "--duration", "1", "--record", "x.rrd", code=2)
     assert "x.rrd" in done.stderr

@@ -66,6 +66,7 @@ cycles = st.lists(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(Kind))
 @settings(max_examples=150, deadline=None)
 @given(script=cycles)

@@ -67,6 +67,7 @@ def test_whatever_was_accepted_can_be_stopped_from_before_the_disc_is_near(piece
                     assert worst(scene, states, before, aim, stall) >= C - 1e-6
 
 
+@pytest.mark.slow
 @given(st.sampled_from([Kind.POSITION, Kind.VELOCITY]), st.sampled_from([None, 150.0]), st.integers(0, 2**32 - 1))
 @settings(max_examples=15, deadline=None, phases=[Phase.generate])
 def test_no_disc_within_its_acceleration_meets_an_arm_that_moves(kind, jerk, seed):

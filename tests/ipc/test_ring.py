@@ -65,6 +65,7 @@ def _write_fast(path: Path, count: int) -> None:
     writer.finish()
 
 
+@pytest.mark.slow
 def test_a_reader_beside_a_fast_writer_never_sees_a_mixed_row(tmp_path: Path) -> None:
     """The writer laps the reader all the time; every row returned is whole."""
     path = tmp_path / "rows"

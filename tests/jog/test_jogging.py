@@ -186,6 +186,7 @@ def test_a_terminal_that_falls_silent_brakes_and_then_stops_the_limb() -> None:
     assert run.lockstep.cycle.machine.state is State.STOPPED
 
 
+@pytest.mark.slow
 def test_a_stop_holds_whatever_is_pressed_and_a_reset_moves_nothing() -> None:
     run = Run(made("servo-jog"))
     run.held(RIGHT, 5.0)

@@ -190,6 +190,7 @@ ENDS: dict[str, tuple[Callable[[Jogging], object], str]] = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("end", ENDS)
 def test_the_loss_of_the_terminal_brakes_and_ends(end: str, tmp_path: Path) -> None:
     act, words = ENDS[end]

@@ -229,6 +229,7 @@ sys.exit("refused" if any("priority" in text for text in refused) else 0)
 """
 
 
+@pytest.mark.slow
 def test_what_takes_long_before_the_first_cycle_doesnt_count_as_stuck() -> None:
     done = subprocess.run(
         [sys.executable, "-c", MUCH], env=environment(), capture_output=True, text=True, timeout=60, check=False

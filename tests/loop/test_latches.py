@@ -51,6 +51,7 @@ def assert_replays(b: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert replay(layout, rows, "toy").states_differ > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["local stop", "e-stop", "fault", "restart"])
 def test_for_a_minute_no_client_at_full_speed_moves_the_limb(tmp_path: Path, what: str) -> None:
     b = Bench(tmp_path, standing=Latch.RESTART if what == "restart" else NONE)

@@ -91,6 +91,7 @@ class Paced(Turner):
         return super().take()
 
 
+@pytest.mark.slow
 def test_a_sensor_is_calibrated_on_the_page(calibrated: Callable[[Turner, Talk], int], tmp_path: Path) -> None:
     actor = Paced(touched={3: 4.0})
 

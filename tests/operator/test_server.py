@@ -306,6 +306,7 @@ def test_a_parameter_is_set_over_the_bus_and_read_back_from_the_loop(instance: I
     assert all("out of bounds (0 to 5)" in said for said in words[1:])
 
 
+@pytest.mark.slow
 def test_of_many_changes_the_loop_gets_the_newest(instance: Instance) -> None:
     async def many(tab: Socket) -> None:
         await take(tab)

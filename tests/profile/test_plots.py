@@ -123,6 +123,7 @@ def test_what_is_measured_in_another_order_is_found_by_name() -> None:
     assert lines["finger.position abduction"] is None  # it isn't measured
 
 
+@pytest.mark.slow
 def test_the_picture_shows_commands_plots_states_and_timing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     layout, rows = measured_layout()
     rows[2500:, layout.int_names.index("state")] = State.STOPPED

@@ -140,6 +140,7 @@ def test_instants_are_spread_over_the_motion(recording: Recording) -> None:
     assert times[0] == pytest.approx(3.99 - times[-1])
 
 
+@pytest.mark.slow
 def test_the_command_writes_them_and_says_what_it_cannot_do(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -151,6 +151,7 @@ def _plain(text: str) -> object:
     return tree
 
 
+@pytest.mark.slow
 def test_a_run_in_the_world_augmented_hand_is_read_drawn_and_played(tmp_path: Path) -> None:
     _augmented_hand(tmp_path)
     found = read(tmp_path)

@@ -113,6 +113,7 @@ def test_the_unit_agrees_with_the_code() -> None:
     assert values("KillMode") == ["control-group"]
 
 
+@pytest.mark.slow
 def test_the_units_command_is_one_that_srl_takes(tmp_path: Path) -> None:
     """With the specifiers filled in, and a duration so that it ends."""
     command = values("ExecStart")[0].replace("${SRL_PROFILE}", "sixth-finger").replace("%i", "left")
@@ -149,6 +150,7 @@ def hear(ours: socket.socket, timeout: float) -> bytes:
         return b""
 
 
+@pytest.mark.slow
 def test_ready_then_watchdog_then_a_safe_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments = ("sixth-finger", "--sim", "--duration", "60", "--set", "bus=null")
     with listening(tmp_path, monkeypatch) as ours, Running(tmp_path, *arguments) as run:

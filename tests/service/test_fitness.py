@@ -327,6 +327,7 @@ def test_a_runtime_folder_that_another_user_could_replace_is_bad(
     assert (found.verdict, "others may write this folder" in found.found) == ("bad", True)
 
 
+@pytest.mark.slow
 def test_a_calibration_that_is_not_there_is_one_finding_among_the_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -181,6 +181,7 @@ def test_a_simulated_run_neither_obeys_nor_touches_what_stands(tmp_path: Path) -
     assert path.read_text() == '{"latches": ["person", "restart"]}'
 
 
+@pytest.mark.slow
 def test_the_summary_says_what_stands(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--set", "bus=null") as run:
         run.started()

@@ -160,6 +160,7 @@ def test_a_trial_depends_on_its_seed_alone() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_row_has_what_the_analysis_needs_and_adds_up() -> None:
     row = row_of("sphere", 0.06, 1)
     assert row["usable"]
@@ -268,6 +269,7 @@ def test_a_claim_fails_when_the_finger_makes_it_worse() -> None:
     assert by_id["finger-improves-gii-mm"].holds
 
 
+@pytest.mark.slow
 def test_the_figure_is_drawn(tmp_path: Path) -> None:
     figure(records(made()), tmp_path / "one.png", "converge")
     assert (tmp_path / "one.png").stat().st_size > 10_000

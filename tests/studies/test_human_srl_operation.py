@@ -89,6 +89,7 @@ def test_without_rows_nothing_is_measured_and_nothing_holds() -> None:
     assert all(c.measured is None and not c.holds for c in operation_claims.analysed([]).claims)
 
 
+@pytest.mark.slow
 def test_path_is_repeated_by_a_late_servo_within_some_millimetres_beside_a_wearer_who_stands_still() -> None:
     found = run(TEXT, AVERAGE, Case(still=True), 1)
     mean, p95, most = found.figures()

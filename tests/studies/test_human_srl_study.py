@@ -195,6 +195,7 @@ def reached(seconds: float = 0.6, motion: int = 1, **attack: Any) -> dict[str, A
     return flat(reach_trial.trial(TEXT, given_, motion))
 
 
+@pytest.mark.slow
 def test_a_trial_depends_on_its_arguments_alone() -> None:
     assert reached() == reached()
     assert reached(motion=2) != reached()

@@ -101,6 +101,7 @@ def test_a_finger_that_opens_on_the_way_drops_the_object() -> None:
     assert found.reason in ("dropped", "not lifted")
 
 
+@pytest.mark.slow
 def test_a_finger_that_doesnt_open_hasnt_released() -> None:
     lockstep, who, task = carried_cell("I")
     began = False

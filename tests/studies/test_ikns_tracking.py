@@ -210,6 +210,7 @@ def test_who_lacks_a_trial_is_left_out_of_both_conditions_and_named() -> None:
     assert all("10 simulated wearers (2 left out" in claim.text for claim in found)
 
 
+@pytest.mark.slow
 def test_two_people_give_a_table_and_no_claims(tmp_path: Path) -> None:
     rows = made_up(subjects=2)
     found, table, _ = analysed({"person": rows}, simulated=False)

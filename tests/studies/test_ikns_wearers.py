@@ -75,6 +75,7 @@ def test_pursuit_is_further_behind_than_preview() -> None:
     assert error["pursuit"] > 1.3 * error["preview"]
 
 
+@pytest.mark.slow
 def test_the_forces_noise_has_its_size_and_depends_on_the_seed_alone() -> None:
     noisy = [followed(finger(force_noise=0.03, seed=seed)) for seed in (5, 5, 6)]
     assert np.array_equal(noisy[0], noisy[1])

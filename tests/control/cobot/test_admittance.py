@@ -118,6 +118,7 @@ def test_orientation_turns_about_the_pushed_axis_without_bounds() -> None:
     assert np.linalg.norm(controller.output["pose"][3:]) == pytest.approx(1, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_switches_at_any_instant_make_no_step() -> None:
     rng = np.random.default_rng(5)
     controller = admittance()

@@ -147,6 +147,7 @@ def test_a_tool_pulled_through_the_straight_arm_stays_bounded(options: dict[str,
         assert max(seen) <= UR16E.dq_max.max() + 1e-9
 
 
+@pytest.mark.slow
 def test_a_singular_start_gets_away_bounded() -> None:
     for q in (np.zeros(6), np.array([0, -np.pi / 2, 0, -np.pi / 2, 0, 0]), STRAIGHT):
         rig = KairosRig(q)
@@ -163,6 +164,7 @@ def test_a_singular_start_gets_away_bounded() -> None:
         assert np.linalg.norm(moved - 4 * np.array([-0.05, 0.02, -0.05])) < 0.1
 
 
+@pytest.mark.slow
 def test_at_joint_limits_it_stays_bounded_and_comes_back() -> None:
     """The guard holds a joint at its limit; the others and the base go on, the leash keeps the reference near."""
     rig = KairosRig(admittance={"dead_band": (0, 0)})

@@ -169,6 +169,7 @@ def test_limits_are_kept_whatever_is_wished_for(seed: int, lag: float) -> None:
     assert law.figures()["solver_failures"] == 0
 
 
+@pytest.mark.slow
 def test_the_base_takes_over_from_a_joint_at_its_limit() -> None:
     """The base turns for the shoulder, which may turn no further; the closed form goes on beyond the limit."""
     left = []

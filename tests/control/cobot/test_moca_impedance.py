@@ -204,6 +204,7 @@ def test_posture_is_captured_at_the_switch_to_locomotion_and_comes_in_without_a_
     np.testing.assert_allclose(controller.output["torque"], want[3:], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_straight_arm_and_a_wrist_in_line_leave_the_torques_bounded_and_smooth() -> None:
     """From far inside through the singular posture, pulled and turned all the time."""
     for start, end in (

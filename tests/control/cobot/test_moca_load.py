@@ -14,6 +14,7 @@ from runtime.control.cobot.whole_body import WholeBody
 from runtime.control.robots import PANDA
 
 
+@pytest.mark.slow
 def test_a_load_sags_untold_and_is_held_when_told() -> None:
     sagged = []
     for payload in (None, {"mass": 3.0}):

@@ -133,6 +133,7 @@ def test_contact_that_an_assumed_load_hides_is_seen_and_stops(direction: str) ->
     assert away @ force / np.linalg.norm(force) > 0.004
 
 
+@pytest.mark.slow
 def test_a_load_is_identified_from_pick_up_on_and_guided_motion_is_no_contact() -> None:
     held = Held()
     held.lift()
@@ -166,6 +167,7 @@ def test_the_centre_of_mass_is_given_in_the_flanges_frame() -> None:
     np.testing.assert_allclose(held.load[1:], COM - np.array(FLANGE[:3]), atol=0.02)
 
 
+@pytest.mark.slow
 def test_leaning_does_not_become_load() -> None:
     held = Held()
     held.lift()

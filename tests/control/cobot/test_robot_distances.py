@@ -40,6 +40,7 @@ def anywhere(robot: Any, seed: int) -> Array:
     return np.concatenate([rng.uniform(-0.4, 0.4, 2), rng.uniform(-3, 3, 1), rng.uniform(*limits)])
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(seeds, st.sampled_from(["panda", "ur16e"]))
 def test_gradients_are_those_of_the_distances(seed: int, name: str) -> None:

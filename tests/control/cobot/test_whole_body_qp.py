@@ -169,6 +169,7 @@ def test_an_interval_is_never_empty_and_within_reach() -> None:
         assert (np.abs(upper - before) <= step + 1e-12).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(seeds, st.sampled_from([0.001, 0.002, 0.01]), st.sampled_from([0.02, 0.05, 0.2]), st.booleans())
 def test_greedy_accelerations_keep_all_limits(seed: int, dt: float, approach: float, panda: bool) -> None:

@@ -51,6 +51,7 @@ def test_eighteen_sensors_are_the_same_without_the_dips() -> None:
     np.testing.assert_allclose(short.output["tips"], full.output["tips"], atol=1e-15)
 
 
+@pytest.mark.slow
 @given(arrays(float, 22, elements=st.floats(-10, 10)))
 def test_angles_beyond_anatomy_stay_within_the_hand(angles: Array) -> None:
     hand = glove()

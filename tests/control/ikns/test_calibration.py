@@ -100,6 +100,7 @@ def test_neither_signs_nor_order_matter(components: Any, monkeypatch: pytest.Mon
             assert getattr(other, name) == pytest.approx(getattr(c, name), abs=1e-9), name
 
 
+@pytest.mark.slow
 def test_all_points_have_one_sense() -> None:
     """More swivel is more (or less) of the control value everywhere."""
     c = found(0.5)
@@ -117,6 +118,7 @@ def places(c: Calibration, n: int) -> Array:
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half", [0.25, 0.8])
 def test_c_rises_with_the_swivel_while_the_hand_is_still(half: float) -> None:
     """Where nothing was recorded: the ends are off by less than 0.1, and in between it is almost a straight line."""
@@ -132,6 +134,7 @@ def test_c_rises_with_the_swivel_while_the_hand_is_still(half: float) -> None:
         assert np.abs(value - line).max() < 0.09
 
 
+@pytest.mark.slow
 def test_a_hand_turned_by_20_degrees_or_moved_by_10_mm_changes_c_a_little() -> None:
     """At the same swivel angle, calibrated over its full range of 92 degrees."""
     c = found(0.8)
@@ -208,6 +211,7 @@ def test_one_point_whose_sense_was_turned_round_is_refused() -> None:
     assert not refusals(c, FEW)
 
 
+@pytest.mark.slow
 def test_two_dofs_whose_motions_agree_are_no_turned_sense() -> None:
     """A second motion at 20 degrees to either side of the first: the directions that read it are 140 degrees apart."""
     c = found(0.5, "clavicle", 2)
@@ -280,6 +284,7 @@ def test_strays_are_discarded() -> None:
     assert np.sort(norm(POINTS[:, None] - centroids, axis=2).min(axis=1)).max() < 0.003
 
 
+@pytest.mark.slow
 def test_the_hands_speed() -> None:
     times = np.sort(np.random.default_rng(3).uniform(0.0, 3.0, 400))
     hand = times[:, None] * [0.03, 0.0, -0.04] + [1.0, 2.0, 3.0]

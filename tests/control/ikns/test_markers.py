@@ -143,6 +143,7 @@ def test_fin_swapped_with_a_wrist_marker_isnt_followed(other: str) -> None:
     assert off(np.delete(angles, WRIST, axis=1), np.delete(q, WRIST, axis=1)).max() < 2.0
 
 
+@pytest.mark.slow
 @given(st.floats(0.05, 0.3), st.floats(-1.0, 1.0), st.floats(-np.pi, np.pi), st.integers(1, 40))
 def test_a_ghost_of_fin_holds_the_wrist(far: float, height: float, way: float, count: int) -> None:
     """Any point that FIN leaps to from a still hand, beyond what a hand's acceleration explains."""

@@ -50,6 +50,7 @@ def test_angles_within_their_ranges_or_a_little_beyond_stay(share: list[float], 
     np.testing.assert_array_equal(POSTURES.returned(q), q)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-12.0, 12.0), min_size=len(ARM.joints), max_size=len(ARM.joints)))
 def test_what_returns_is_the_same_posture_and_stays_there(q: list[float]) -> None:
     found = POSTURES.returned(np.array(q))

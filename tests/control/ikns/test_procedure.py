@@ -95,6 +95,7 @@ def test_the_points_are_near_the_corners_and_where_the_hand_has_been() -> None:
     assert (np.linalg.norm(explored[:, None] - points, axis=2).min(axis=0) < 0.01).all()
 
 
+@pytest.mark.slow
 @given(st.integers(1, 40), st.integers(1, 40))
 @settings(max_examples=20)
 def test_what_is_fed_matters_and_not_in_how_many_pieces(first: int, second: int) -> None:

@@ -33,6 +33,7 @@ def test_the_fake_needs_no_hand() -> None:
     assert (edges < 0).sum(axis=0).tolist() == [1, 0, 0, 1]
 
 
+@pytest.mark.slow
 def test_driver_and_twin_over_a_pty() -> None:
     with Peer("firmata", {"buttons": BUTTONS}, {"presses": {"gripper": [[1.0, 60.0]]}}, WORLD) as peer:
         panel = bound(Firmata("panel", FirmataConfig.model_validate({"port": peer.address, "buttons": BUTTONS})))

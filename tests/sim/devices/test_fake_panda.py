@@ -87,6 +87,7 @@ def test_a_jump_in_the_command_is_smoothed_by_the_driver() -> None:
     assert loop.fault == ""
 
 
+@pytest.mark.slow
 def test_velocity_and_position_are_followed() -> None:
     loop = Loop("velocity")
     loop.run(0.01, 0.0)

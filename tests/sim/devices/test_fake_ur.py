@@ -127,6 +127,7 @@ def test_a_payload_weighs_down_on_a_tilted_arm_too():
     np.testing.assert_allclose(fake.state_arrays["wrench"][:3], 2 * up, atol=1.0)
 
 
+@pytest.mark.slow
 def test_too_great_a_force_is_a_protective_stop_that_a_person_ends():
     fake = make_fake(force_limit=60.0)
     fake.open()

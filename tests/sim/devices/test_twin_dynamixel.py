@@ -213,6 +213,7 @@ def test_a_hardware_error_is_an_alert_in_every_answer_until_the_reboot():
         assert not status.alert
 
 
+@pytest.mark.slow
 def test_stalling_leads_to_overload_by_itself():
     with Wire() as wire:
         wire.write("operating_mode", 4)

@@ -236,6 +236,7 @@ def _caught_up(device: Noitom, twin: NoitomTwin) -> bool:
     return bool(np.allclose(device.state_arrays["rotation"], twin.fake.state_arrays["rotation"], atol=1e-9))
 
 
+@pytest.mark.slow
 def test_a_pulled_cable_and_its_return() -> None:
     twin = made(options={"loss": [[3.0, 3.5]]})
     with Bench(twin) as bench:

@@ -193,6 +193,7 @@ def test_power_goes_off_and_on_by_the_dashboard(bench, ports):
     assert peer.line(b"robotmode") == "Robotmode: RUNNING"
 
 
+@pytest.mark.slow
 def test_a_protective_stop_cant_be_ended_within_5_s(bench, ports):
     bench.twin.controller.protective_stop("test")
     bench.run(0.1)

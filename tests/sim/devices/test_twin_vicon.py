@@ -348,6 +348,7 @@ def test_a_client_that_doesn_t_read_loses_frames_and_then_gets_the_names_again(b
     assert seen == ["Hand"]
 
 
+@pytest.mark.slow
 def test_a_process_that_hangs_goes_stale_and_comes_back():
     world = {"world": "cell", "parts": PARTS}
     with Peer("vicon", WANTED, {"noise": 0.0}, world) as peer:

@@ -97,6 +97,7 @@ def test_the_drawn_lines_are_its_58_bones():
 # -- motion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", ["still", "walk", "reach"])
 def test_it_follows_its_script_closely_but_not_exactly(script):
     poses, wanted = run(cell(script=script), 5.0)
@@ -105,6 +106,7 @@ def test_it_follows_its_script_closely_but_not_exactly(script):
     assert off.max() < 4.0
 
 
+@pytest.mark.slow
 def test_a_walk_goes_in_a_circle_with_feet_that_take_turns():
     world = cell(script="walk")
     heights = []
@@ -143,6 +145,7 @@ def test_a_run_goes_on_bit_for_bit_from_a_saved_state():
     np.testing.assert_array_equal(world.save(), first)
 
 
+@pytest.mark.slow
 def test_the_bandwidth_is_what_it_says():
     """How well joints follow decides how far they are off."""
     off = []
@@ -229,6 +232,7 @@ def pushed(**options):
     return angles(poses[:, :21, 3:], wanted[:, :21]).max(), np.abs(poses[:, :, :3]).max()
 
 
+@pytest.mark.slow
 def test_a_wall_holds_a_reaching_arm_back_only_where_contact_is_asked_for():
     assert pushed()[0] < 5.0
     off, farthest = pushed(contact=True)

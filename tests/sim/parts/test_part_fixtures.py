@@ -154,6 +154,7 @@ def test_the_stay_in_a_hole_is_measured_and_ends_with_a_touch():
     assert world.truth_arrays["plate_touches"][0] == 1
 
 
+@pytest.mark.slow
 def test_a_person_drills_overhead_alone():
     parts: Any = {
         "plate": (PlatePart, {"at": {"position": [0, 0, 2]}, "drill": "drill/tip", "rows": 1, "columns": 2}),
@@ -265,6 +266,7 @@ def test_an_insertion_pushes_no_harder_than_told():
 # -- all of them
 
 
+@pytest.mark.slow
 def test_what_was_counted_goes_on_from_a_saved_state_bit_for_bit():
     parts: Any = {
         "wire": (WirePart, {"at": {"position": [0, 0, 1]}, "points": [(-0.2, 0, 0), (0.2, 0, 0)]}),

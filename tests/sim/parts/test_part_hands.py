@@ -52,6 +52,7 @@ def test_what_is_held_is_turned_and_its_weight_shows(up: tuple[float, float, flo
     np.testing.assert_allclose(sensor.wrench[:3], expected, atol=0.1)  # it sways
 
 
+@pytest.mark.slow
 def test_nobody_turns_a_thing_twice_alike_and_rest_holds_it() -> None:
     world, _ = made()
     first, second = turned(world, (0.0, 0.0, 1.0)), turned(world, (0.0, 0.0, 1.0), 1)

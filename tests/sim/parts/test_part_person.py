@@ -254,6 +254,7 @@ def busy(seed: int) -> Any:
     return cell(parts, seed)
 
 
+@pytest.mark.slow
 def test_a_seed_fixes_every_bit_and_a_saved_world_goes_on():
     one, two, other = busy(3), busy(3), busy(4)
     saved = []
@@ -331,6 +332,7 @@ def test_the_plans_of_the_experiments_are_plans():
 # -- with the runtime's own admittance
 
 
+@pytest.mark.slow
 def test_an_admittance_is_guided_through_a_sensor_with_its_dead_band():
     """The controller reads the sensor behind the handle; a robot follows its desired velocity within 20 ms."""
     plan = [press("admittance"), go_to(0.3, 0.1, 0.2, tolerance=0.008), hold(3.0), press("admittance"), hold(1.0)]

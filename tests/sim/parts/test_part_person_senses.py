@@ -67,6 +67,7 @@ def test_noise_grows_with_the_force():
     assert spread == pytest.approx([0.05, 0.05], rel=0.35)
 
 
+@pytest.mark.slow
 def test_a_hand_held_still_is_as_still_as_people_are():
     """Sheet human_body: 1 to 3 mm RMS over 5 s."""
     for tool in (0.0, 3.0):
@@ -116,6 +117,7 @@ def test_endurance_is_that_of_the_fatigue_model(load):
     assert 1 - rested == pytest.approx((1 - capacity) * np.exp(-2.4))
 
 
+@pytest.mark.slow
 def test_a_person_gives_up_when_strength_is_gone():
     world = alone([hold(1000.0)], 5.0, strength=80.0, fatigue=True, arm_load=0.0)
     seen = run(world, 60, every=100, until=finished)

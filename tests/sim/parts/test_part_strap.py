@@ -63,6 +63,7 @@ def test_a_rigid_one_is_a_weld():
     assert world.model.nv == 1
 
 
+@pytest.mark.slow
 def test_a_load_that_lets_go_swings_and_comes_to_rest():
     world = cell(firmness="soft")
     rest = settled(world)[1]

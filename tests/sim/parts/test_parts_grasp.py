@@ -140,6 +140,7 @@ def carried(at: dict[str, Any] | None = None) -> tuple[Cell, CarrierPart]:
     return world, arm
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3),
     st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3),

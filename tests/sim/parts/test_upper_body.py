@@ -95,6 +95,7 @@ def test_the_motion_is_smooth_for_what_is_worn() -> None:
     assert np.abs(np.diff(v, axis=0)).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_real_wearer_wanders_and_leaks_but_stays() -> None:
     world, part = cell()
     part.wearer.instruct(Hold(POINT))
