@@ -28,7 +28,8 @@ typedef struct {
 #define COUNT(type) ((int)(sizeof(type) / sizeof(double))) /* of a struct of doubles: an array's elements */
 
 extern const Law tool_pose, admittance, moca_impedance, torque_guard, velocity_guard, position_guard, sent_tracker,
-    command_left, ur_take, ur_fill, felt_wrench, object_mapping;
+    command_left, ur_take, ur_fill, felt_wrench, object_mapping, panda_fill, panda_torque,
+    panda_record, panda_watch;
 
 /* As Python's: the first, unless the second is smaller (larger). */
 static inline double least_of(double a, double b) { return b < a ? b : a; }

@@ -26,7 +26,8 @@
 
 static const Law *const LAWS[] = {&tool_pose, &admittance, &moca_impedance, &torque_guard, &velocity_guard,
                                   &position_guard, &sent_tracker, &command_left, &ur_take, &ur_fill, &felt_wrench,
-                                  &object_mapping, NULL};
+                                  &object_mapping, &panda_fill, &panda_torque, &panda_record,
+                                  &panda_watch, NULL};
 
 typedef struct {
     PyObject_HEAD

@@ -8,6 +8,8 @@ import time
 from typing import Final
 from urllib.parse import urlsplit
 
+import numpy as np
+
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.devicetime import DeviceTime
 from drivers.panda.channel import Channel, open_channel
@@ -300,7 +302,7 @@ class Panda(Driver):
         if self._id == self._answered or link is None or not self._motion.shown(self._modes):
             return
         arrays = self.command_arrays
-        wanted = arrays[self._command].tolist() if arrays else [0.0] * 7
+        wanted = arrays[self._command] if arrays else np.zeros(7)
         packet = self._motion.packet(self._newest, wanted)
         try:
             sent = link.write(packet)

@@ -12,10 +12,13 @@ bears don't take the motion beyond it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, isfinite, sqrt
+from math import ceil, isfinite, nan, sqrt
 from typing import Final
 
+import numpy as np
+
 from drivers.panda.limits import ACCELERATION, DT, JERK, TORQUE, TORQUE_RATE, RobotLimits
+from runtime.contracts.compiled import numbers
 
 STEP: Final = TORQUE * TORQUE_RATE * DT  # N m from one packet to the next
 _APART: Final = 2 * STEP
@@ -28,15 +31,24 @@ _FORGET: Final = 0.98  # factor per packet: how fast the expectation of further 
 
 
 class TorqueLimiter:
-    """Limits torques to the effort limit, and their change from the last packet that the robot took."""
+    """Limits torques to the effort limit, and their change from the last packet that the robot took.
+
+    In C where it can be (native/panda.c); `step` is the specification.
+
+    Attributes:
+        sent: N m (7,), what was sent last; NaN before the first.
+        limits: (9,), what C needs to know: `STEP`, how far apart two values may be to stay near to both, and the
+            effort of each joint, N m.
+    """
 
     def __init__(self, limits: RobotLimits) -> None:
         self._effort = limits.effort
-        self._sent: list[float] | None = None
+        self.sent = np.full(7, nan)
+        self.limits = numbers(STEP, _APART, limits.effort)
 
     def start(self) -> None:
         """Starts a motion."""
-        self._sent = None
+        self.sent.fill(nan)
 
     def step(self, wanted: Sequence[float], taken: Sequence[float]) -> list[float]:
         """Returns the torques to send, N m (7,).
@@ -48,15 +60,16 @@ class TorqueLimiter:
         if not isfinite(sum(wanted)):
             wanted = [w if isfinite(w) else t for w, t in zip(wanted, taken, strict=True)]
         sent = []
-        for w, t, s, E in zip(wanted, taken, self._sent or taken, self._effort, strict=True):
+        for w, t, s, E in zip(wanted, taken, self.sent.tolist(), self._effort, strict=True):
             # The last packet may be lost or still on its way: stay near to both values, if they aren't too far apart.
+            # Before the first packet `s` is NaN, so near to none.
             near = s if -_APART < s - t < _APART else t
             low, high = (near - STEP, t + STEP) if near > t else (t - STEP, near + STEP)
             # min(max(w, low, -E), high, E): calls of min and max take three times as long
             low, high = low if low > -E else -E, high if high < E else E
             bounded = low if w < low else w
             sent.append(high if bounded > high else bounded)
-        self._sent = sent
+        self.sent[:] = sent
         return sent
 
 

@@ -12,13 +12,16 @@ from math import isfinite
 from struct import Struct
 from typing import Final
 
+import numpy as np
+
 from drivers.panda.limiter import MotionLimiter, TorqueLimiter
 from drivers.panda.limits import BY_VERSION
-from drivers.panda.packets import Controller, Generator, command_dtype
+from drivers.panda.packets import ROOM, Controller, Generator, command_dtype
 from drivers.panda.protocol import Reply, Status
 from drivers.panda.requests import Move
 from drivers.panda.state import Modes, StateReader
-from runtime.contracts.signals import Kind
+from runtime.contracts.compiled import bind_or_python, numbers, undone
+from runtime.contracts.signals import Array, Kind
 
 PATIENCE: Final = 1000  # states to wait for a reply after the motion's end, or for the motion after its start
 STARVED: Final = 25_000_000  # ns without a state to answer: the robot ends a motion after 20 lost packets (sheet)
@@ -36,7 +39,7 @@ class Phase(Enum):
 
 
 # Looking a member up takes longer than comparing it.
-_NONE, _ASKED, _ENDING = Phase.NONE, Phase.ASKED, Phase.ENDING
+_NONE, _ASKED, _RUNNING, _ENDING = Phase
 _POSITION, _TORQUE = Kind.POSITION, Kind.TORQUE
 
 
@@ -47,14 +50,14 @@ class Motion:
         phase: the present phase.
         started: number of motions that began.
         outcome: why the last motion ended or couldn't begin, if we didn't end it; "" otherwise.
-        values: (7,), the command in the newest packet, within the robot's limits, rad, rad/s or N m.
+        values: (7,), the command in the newest packet, within the robot's limits, rad, rad/s or N m; to be copied.
     """
 
     def __init__(self, version: int, kind: Kind, reader: StateReader) -> None:
         self.phase = Phase.NONE
         self.started = 0
         self.outcome = ""
-        self.values: Sequence[float] = [0.0] * 7
+        self.values: Sequence[float] | Array = [0.0] * 7
         self._kind, self._reader = kind, reader
         self._limits = BY_VERSION[version]
         self._torque, self._motion = TorqueLimiter(self._limits), MotionLimiter(self._limits)
@@ -72,7 +75,14 @@ class Motion:
         layout = command_dtype(version)
         assert layout.fields is not None
         self._setpoint_at, self._finished_at = int(layout.fields[setpoint][1]), int(layout.fields[finished][1])
-        self._packet = bytearray(layout.itemsize)
+        self._wanted, command = np.zeros(7), np.zeros(ROOM[1])
+        self._packet = command.data.cast("B")[: layout.itemsize]
+        places = numbers(reader.at("tau_J_d"), self._setpoint_at)
+        self._torques_in_c = undone
+        if kind is Kind.TORQUE:
+            self._torques_in_c = bind_or_python(
+                "panda-torque", reader.body, places, self._wanted, self._torque.limits, self._torque.sent, command
+            )
         self._damping = [E / V for E, V in zip(self._limits.effort, self._limits.velocity, strict=True)]
         self._still = [STILL * V for V in self._limits.velocity]
         self._begun = False  # the robot has reported that the motion started
@@ -139,19 +149,30 @@ class Motion:
         """Marks the motion as over: the session has ended, or the motion has been given up."""
         self.phase = Phase.NONE
 
-    def packet(self, data: bytes, wanted: list[float]) -> bytes:
+    def packet(self, data: bytes, wanted: Array) -> bytes:
         """Returns the command that answers a state, within the robot's limits.
 
         Args:
             data: the state.
             wanted: (7,) rad, rad/s or N m; not used while the motion is being ended.
         """
-        self.values = values = self._torques(data, wanted) if self._kind is _TORQUE else self._movement(data, wanted)
         packet = self._packet
-        packet[0:8] = data[0:8]  # the message id
-        _SEVEN.pack_into(packet, self._setpoint_at, *values)
+        if not self._pack_in_c(data, wanted):
+            asked = wanted.tolist()
+            self.values = values = self._torques(data, asked) if self._kind is _TORQUE else self._movement(data, asked)
+            packet[0:8] = data[0:8]  # the message id
+            _SEVEN.pack_into(packet, self._setpoint_at, *values)
         packet[self._finished_at] = self._flagged
         return bytes(packet)
+
+    def _pack_in_c(self, data: bytes, wanted: Array) -> bool:
+        """Torques of a running motion; returns whether it has put them and the message id into the packet."""
+        if self._kind is not _TORQUE or self.phase is not _RUNNING:
+            return False
+        self._wanted[:] = wanted
+        self._reader.hold(data)
+        self.values = self._torque.sent
+        return self._torques_in_c(0.0, self._reader.single) >= 0
 
     def _torques(self, data: bytes, wanted: list[float]) -> list[float]:
         taken = self._reader.joints(data, "tau_J_d")

@@ -16,6 +16,7 @@ from functools import cache
 
 import numpy as np
 
+ROOM = 297, 47  # doubles that hold a state and a command of any version: their bytes, for C (native/panda.c)
 VERSIONS = (5, 10)  # protocol versions: 5 is the last of the Panda (FER), 10 the FR3 from system 5.9
 JOINTS = 7
 

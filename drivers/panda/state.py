@@ -1,4 +1,7 @@
-"""Takes from a RobotState's bytes only what the driver needs, because this runs every millisecond."""
+"""Takes from a RobotState's bytes only what the driver needs, because this runs every millisecond.
+
+In C where it can be (native/panda.c); the Python here is the specification.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,11 @@ from dataclasses import dataclass
 from math import isfinite
 from struct import Struct
 
-from drivers.panda.packets import RobotMode, error_names, state_dtype
+import numpy as np
+
+from drivers.panda.packets import ROOM, RobotMode, error_names, state_dtype
 from runtime.contracts import rotation
+from runtime.contracts.compiled import Step, bind_or_python, numbers, undone
 from runtime.contracts.rotation import Quaternion
 from runtime.contracts.signals import Array
 
@@ -44,13 +50,20 @@ class Modes:
 
 
 class StateReader:
-    """Reads the fields of one protocol's states."""
+    """Reads the fields of one protocol's states.
+
+    Attributes:
+        size: bytes of a state.
+        single: whether its reals are float32, else float64.
+        body: the bytes of the state that `hold` was given last, for C.
+    """
 
     def __init__(self, version: int) -> None:
         layout = state_dtype(version)
         assert layout.fields is not None
         self.size = layout.itemsize
-        code = "d" if layout["m_ee"].itemsize == 8 else "f"
+        self.single = layout["m_ee"].itemsize == 4
+        code = "f" if self.single else "d"
         at = {name: int(place[1]) for name, place in layout.fields.items()}
         self._copied = [
             (signal, Struct(f"<{layout[name].shape[0] if layout[name].shape else 1}{code}"), at[name])
@@ -60,11 +73,27 @@ class StateReader:
         self._seven = Struct(f"<7{code}")
         self._at = at
         self._tail = slice(at["motion_generator_mode"], at["robot_mode"] + 1)
-        self._quaternion = (1.0, 0.0, 0.0, 0.0)  # the last one: of the two equivalent ones, the nearer is returned
+        # The last one: of the two equivalent ones, the nearer is returned.
+        self._quaternion = np.array([1.0, 0.0, 0.0, 0.0])
+        self.body = np.zeros(ROOM[0])
+        self._bytes = self.body.data.cast("B")[: self.size]
+        self._held = b""
+        self._filled: Mapping[str, Array] | None = None  # what `_fill` writes into
+        self._fill: Step = undone
 
     def message_id(self, data: bytes) -> int:
         """The message id: ms of the robot's time."""
         return int(_ID.unpack_from(data)[0])
+
+    def at(self, name: str) -> int:
+        """Returns the byte of a state at which a field begins."""
+        return self._at[name]
+
+    def hold(self, data: bytes) -> None:
+        """Puts a state's bytes into `body`."""
+        if data is not self._held:
+            self._bytes[:] = memoryview(data)[: self.size]
+            self._held = data
 
     def joints(self, data: bytes, name: str) -> tuple[float, ...]:
         """Returns one of the fields with seven numbers."""
@@ -84,14 +113,23 @@ class StateReader:
 
     def fill(self, data: bytes, arrays: Mapping[str, Array]) -> bool:
         """Copies a state into the driver's arrays. Returns False and copies nothing if a number isn't finite."""
+        if arrays is not self._filled:
+            self._filled = arrays
+            places = numbers([at for _, _, at in self._copied], self._pose_at)
+            states = (arrays[name] for name in (*_COPIED, "pose"))
+            self._fill = bind_or_python("panda-fill", self.body, places, self._quaternion, *states)
+        self.hold(data)
+        if self._fill(0.0, self.single) >= 0:
+            return True
         T = self._pose.unpack_from(data, self._pose_at)
         found = [form.unpack_from(data, at) for _, form, at in self._copied]
         if not isfinite(sum(T) + sum(map(sum, found))):
             return False
         for (signal, _, _), values in zip(self._copied, found, strict=True):
             arrays[signal][:] = values
-        self._quaternion = quaternion(T, self._quaternion)
-        arrays["pose"][:] = T[12:15] + self._quaternion
+        w, x, y, z = self._quaternion.tolist()
+        self._quaternion[:] = found_q = quaternion(T, (w, x, y, z))
+        arrays["pose"][:] = T[12:15] + found_q
         return True
 
 

@@ -18,7 +18,7 @@ static double number(void) {
 int main(void) {
     const Law *laws[] = {&tool_pose,      &admittance,   &moca_impedance, &torque_guard, &velocity_guard,
                          &position_guard, &sent_tracker, &command_left,   &ur_take,      &ur_fill,
-                         &felt_wrench,    &object_mapping};
+                         &felt_wrench,    &object_mapping, &panda_fill,  &panda_torque, &panda_record,   &panda_watch};
     for (size_t i = 0; i < sizeof laws / sizeof *laws; i++) {
         uint64_t hash = 1469598103934665603u;
         int done = 0;
@@ -38,6 +38,8 @@ int main(void) {
                     unsigned char *at = (unsigned char *)arrays[0];
                     at[k] = ((unsigned char *)&sent)[7 - (k - 1) % 8];
                 }
+            if (laws[i] == &panda_fill || laws[i] == &panda_torque || laws[i] == &panda_record)
+                for (int k = 0; k < size[1]; k++) arrays[1][k] = 8 * k; /* bytes of the packet */
             if (laws[i] == &position_guard) /* joints at rest, near to where they are to go */
                 for (int k = 0; k < n; k++) {
                     double *row = arrays[4] + 5 * k, *limits = arrays[2] + 4 * k;

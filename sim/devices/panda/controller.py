@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from drivers.panda.packets import ERRORS, Controller, Generator, RobotMode, error_names
 from drivers.panda.protocol import Status
 from drivers.panda.requests import Body, Move, SetLoad
+from runtime.contracts.compiled import bind_or_python, undone
 from runtime.contracts.signals import Array
 from runtime.control.robots import FR3, PANDA, Payload
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
@@ -33,7 +34,7 @@ _JOINT: Final = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)
 
 
 class Arm(Protocol):
-    """What the controller uses of the arm: measured values of the present millisecond, (7,) each.
+    """What the controller uses of the arm: measured values of the present millisecond, (7,) each, filled in place.
 
     `stiffness`: N m/rad (7,), stiffness of its position servo.
     """
@@ -100,6 +101,11 @@ class PandaController:
         spare = np.concatenate((np.full(7, BEYOND), OVERSPEED * limits.velocity))
         self._least = np.concatenate((limits.lower, slowest)) - spare
         self._most = np.concatenate((limits.upper, fastest)) + spare
+        self._watch_in_c = undone
+        if limits.velocity_offset is None:  # else the limits change with the posture
+            self._watch_in_c = bind_or_python(
+                "panda-watch", arm.position, arm.velocity, self._least, self._most, self.touching
+            )
         self.torque = np.zeros(7)
         self.pose, self.desired_pose = self._felt.pose, np.eye(4)
         self.revision = 0
@@ -260,6 +266,8 @@ class PandaController:
 
     def _watch(self) -> None:
         """Checks for the errors that end a motion whatever its setpoints are."""
+        if self._watch_in_c(0.0) == 0:  # native/panda.c: nothing is wrong
+            return
         outside = self._beyond()
         found = []
         if any(outside[:7]):
@@ -322,17 +330,17 @@ class PandaController:
     def _drive(self) -> None:
         arm, motion, stiffness = self.arm, self.motion, self.settings.stiffness
         if self.mode is RobotMode.USER_STOPPED:
-            self.torque = np.zeros(7)
+            self.torque.fill(0.0)
             arm.command("brake", self.torque, self.torque)
         elif self.mode is RobotMode.MOVE and self.controller is Controller.EXTERNAL:
-            self.torque = self.tau_d.copy()
+            self.torque[:] = self.tau_d
             arm.command("torque", self.torque, self.torque)
         elif np.array_equal(stiffness, arm.stiffness):
             # The drives apply the same spring, so it is stable at any rate at which the controller is served.
-            self.torque = stiffness * (motion.q - arm.position)
+            np.multiply(stiffness, motion.q - arm.position, out=self.torque)
             arm.command("position", motion.q, motion.dq)
         else:
-            self.torque = self._impedance()
+            self.torque[:] = self._impedance()
             arm.command("torque", self.torque, self.torque)
 
     def _know(self) -> None:

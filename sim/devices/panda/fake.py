@@ -161,10 +161,9 @@ class FakePanda(Fake):
         """Sends the command for the newest state, once."""
         if self._answered or not self._motion.shown(self._modes):
             return
-        wanted = self.command_arrays[self.commands[0].name].tolist()
-        # The packet is one object that is refilled; packets in transit must not change.
-        self.robot.receive(bytes(self._motion.packet(self._data, wanted)))
-        self.sent_arrays[self.commands[0].name][:] = self._motion.values
+        command = self.commands[0].name
+        self.robot.receive(self._motion.packet(self._data, self.command_arrays[command]))
+        self.sent_arrays[command][:] = self._motion.values
         self._answered = True
 
     def _reply(self, status: Status) -> None:

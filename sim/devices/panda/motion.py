@@ -5,7 +5,8 @@ Source: protocol sheet franka-fci, sections 6 and 7. Every check is written so t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,6 +19,7 @@ from runtime.contracts.signals import Array
 LOST_IN_A_ROW: Final = 20  # packets
 WINDOW: Final = 100  # packets over which the success rate is computed
 TORQUE_STEP: Final = TORQUE_RATE * DT  # N m from one packet to the next
+_TORQUE_STEP: Final = TORQUE_STEP + 1e-9  # with rounding
 # Differences of setpoints are divided by DT up to three times, so rounding errors must not look like jerk. A client
 # that starts from the float32 state of protocol 10 is off by up to 1.2e-7 rad.
 _ROUNDING: Final = 1.001
@@ -27,6 +29,9 @@ _BROKEN: Final = (
     "joint_motion_generator_velocity_discontinuity",
     "joint_motion_generator_acceleration_discontinuity",
 )
+
+
+_ZEROS: Final = (0.0,) * 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +71,9 @@ class Setpoint:
         finished: whether the motion ends with this packet.
     """
 
-    q: Array = field(default_factory=lambda: np.zeros(7))
-    dq: Array = field(default_factory=lambda: np.zeros(7))
-    tau: Array = field(default_factory=lambda: np.zeros(7))
+    q: Sequence[float] | Array = _ZEROS
+    dq: Sequence[float] | Array = _ZEROS
+    tau: Sequence[float] | Array = _ZEROS
     finished: bool = False
 
 
@@ -77,12 +82,13 @@ class JointGenerator:
 
     Attributes:
         q, dq, ddq: present desired values (7,): rad, rad/s, rad/s^2.
+        state: (3, 7), these.
     """
 
     def __init__(self, limits: JointLimits, q: Array) -> None:
         self.limits = limits
-        self._state = np.zeros((3, 7))
-        self.q, self.dq, self.ddq = self._state
+        self.state = np.zeros((3, 7))
+        self.q, self.dq, self.ddq = self.state
         self.q[:] = q
         self._begun = False
         self._rests = False  # it stands where a setpoint has put it: another one that moves nothing changes nothing
@@ -121,7 +127,7 @@ class JointGenerator:
     def take(self, setpoint: Setpoint, generator: Generator) -> str:
         """Takes the next setpoint; returns the name of its error, or "". A faulty setpoint isn't used."""
         first, self._begun = self._begun, False
-        if self._rests and generator is Generator.JOINT_VELOCITY and not any(setpoint.dq.tolist()):
+        if self._rests and generator is Generator.JOINT_VELOCITY and not any(setpoint.dq):
             return ""
         bounds, new = self.limits, self._new
         q, dq, ddq, dddq = new
@@ -141,17 +147,17 @@ class JointGenerator:
         within = ((new >= self._least) & (new <= self._most)).all(axis=1).tolist()
         if not all(within):
             return _BROKEN[within.index(False)]
-        self._state[:] = new[:3]
+        self.state[:] = new[:3]
         self._rests = not (self.dq.any() or self.ddq.any())
         return ""
 
 
-def torque_error(last: Array, new: Array) -> str:
+def torque_error(last: Array, new: Sequence[float] | Array) -> str:
     """The error of a torque setpoint that follows the last one, or ""."""
-    most = TORQUE_STEP + 1e-9
-    if all(-most <= torque - before <= most for torque, before in zip(new.tolist(), last.tolist(), strict=True)):
-        return ""
-    return "controller_torque_discontinuity"
+    for torque, before in zip(new, last.tolist(), strict=True):
+        if not -_TORQUE_STEP <= torque - before <= _TORQUE_STEP:
+            return "controller_torque_discontinuity"
+    return ""
 
 
 class Reception:
