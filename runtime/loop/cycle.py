@@ -52,6 +52,7 @@ _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
 _LATCHES, _REFUSED = CYCLE.latches, CYCLE.refused
 _REQUEST = slice(CYCLE.request, CYCLE.request_origin + 1)
+_ILL = LINK_CONNECTED | LINK_ERROR | LINK_FAULT | LINK_STALE  # of a device that is well only the first is set
 _STOPS = (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT)
 
 
@@ -208,6 +209,8 @@ class Cycle:
             # A client that has not sent anything yet is not stale. A device without a sample is.
             stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
             stale |= i in blind
+            if not stale and link & _ILL == LINK_CONNECTED:
+                continue  # the usual: nothing to find
             if stale != bool(link & LINK_STALE):
                 link ^= LINK_STALE
                 self._links[i] = link

@@ -10,7 +10,9 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from math import inf, isfinite, nan
+from struct import Struct
 from typing import ParamSpec, TypeVar
 
 import numpy as np
@@ -55,6 +57,8 @@ class Device:
         self.on_loss: Callable[[Device], None] = lambda device: None
         self.on_return: Callable[[Device], None] = lambda device: None
         self.words[DEVICE.stamp] = -1
+        # Writes the health's words: a quarter of the time of numpy's.
+        self._tell = partial(Struct(f"{_HEALTH}q").pack_into, words.data.cast("B"), 0)
         # What the arrays of `sent_arrays` hold while nothing has left.
         self._nothing = [np.full(a.command.shape, nan).tobytes() for a in actuators]
         self._leave = [  # in C: what left goes into the row, and the driver's array is cleared
@@ -109,7 +113,7 @@ class Device:
             if not health.fault:
                 self._failing.discard("recover")
             link |= LINK_ERROR * bool(self._failing)
-        words[:_HEALTH] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
+        self._tell(health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects)
 
     def write(self, now: int) -> None:
         """Sends the commands, except while the device is lost."""

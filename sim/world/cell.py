@@ -79,7 +79,9 @@ class Cell(World):
         self.data = mujoco.MjData(self.model)
         self.timestep = round(config.timestep * 1e9)
         self.step = 0
+        self._settled = [-1.0]
         for part in self.parts.values():
+            part.settled = self._settled
             part.bind(self.model, self.data)
         wearers = [wearer for part in self.parts.values() if (wearer := getattr(part, "wearer", None)) is not None]
         self.wearer = wearers[0] if len(wearers) == 1 else None
@@ -203,6 +205,7 @@ class Cell(World):
         mujoco.mj_setState(self.model, self.data, physics, _STATE)
         mujoco.mj_forward(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, physics, _STATE)  # forward has changed the solver's warm start
+        self._settled[0] = -1.0
         for signal, values in zip(self.truth, rest, strict=False):
             self.truth_arrays[signal.name][...] = values.reshape(signal.shape)
         # Last: the forces of the step before the state can't be recomputed, so the parts restore their own.
@@ -226,6 +229,7 @@ class Cell(World):
     def _settle(self) -> None:
         """Recomputes positions: after a step, those of bodies and sites are one step behind the joints."""
         mujoco.mj_kinematics(self.model, self.data)
+        self._settled[0] = self.data.time
 
 
 def _scenery(model: Any, data: Any) -> list[dict[str, Any]]:

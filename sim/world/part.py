@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
+from struct import Struct
 from typing import Annotated, Any, ClassVar
 from xml.etree.ElementTree import Element
 
@@ -95,6 +97,7 @@ class Part(ABC):
         stand: where it stands in the body that `build` is given; the world sets it.
         carrier: the part that it stands on; "" for the world.
         every: number of physics steps between two calls of `drive`; 0: never called.
+        settled: (1,) s, of which time the positions of bodies are; the world sets it, and all parts have the same one.
         doubts, remarks: (key of its options, text): what is probably wrong, and what a person should know.
         ends: s until the run ends by itself on the part's account, such as the end of a recording; None: never.
     """
@@ -109,6 +112,9 @@ class Part(ABC):
         self.stand: Pose = IDENTITY
         self.carrier = ""
         self.ends: float | None = None
+        self.settled = [-1.0]
+        self._set_of: Mapping[str, Array] | None = None  # what `_setters` set
+        self._setters: list[Callable[..., None]] = []
         self.doubts: list[tuple[str, str]] = []
         self.remarks: list[tuple[str, str]] = []
 
@@ -140,6 +146,14 @@ class Part(ABC):
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         """Fills its truth signals from the present state of the world."""
+
+    def setters(self, truth: Mapping[str, Array]) -> list[Callable[..., None]]:
+        """For each of its truth signals, a function that sets it to plain numbers: a fifth of the time of numpy's."""
+        if truth is not self._set_of:
+            arrays = [truth[signal.name] for signal in self.truth]
+            self._setters = [partial(Struct(f"{a.size}d").pack_into, a.data.cast("B"), 0) for a in arrays]
+            self._set_of = truth
+        return self._setters
 
     def save(self) -> Array:
         """Its own state besides MuJoCo's (memory of the electronics, commands in transit)."""

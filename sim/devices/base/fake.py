@@ -52,7 +52,7 @@ class FakeBase(SampledFake):
         self.clock = options.clock
         top = self.limits[COMMAND].velocity
         assert top is not None
-        self._top = top
+        self._top, self._least = top, -top
         self.base = self.cell.part(SummitXlPart, name, options.part)
         self.noise_scale = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
         self._obeyed = -WATCHDOG  # world time of the newest command, ns
@@ -74,7 +74,7 @@ class FakeBase(SampledFake):
         values = self.command_arrays[COMMAND]
         if isfinite(sum(values.tolist())):
             sent = self.sent_arrays[COMMAND]
-            np.minimum(np.maximum(values, -self._top, out=sent), self._top, out=sent)
+            np.minimum(np.maximum(values, self._least, out=sent), self._top, out=sent)
             self.obey(*sent.tolist())
             self._driven = True
 
@@ -102,8 +102,8 @@ class FakeBase(SampledFake):
         self._obeyed = self.world.time
         if self.pressed():
             vx = vy = wz = 0.0
-        vx, vy = (min(max(v, -TOP_SPEED), TOP_SPEED) for v in (vx, vy if self._config.sideways else 0.0))
-        self.base.command(vx, vy, min(max(wz, -TOP_TURN), TOP_TURN))
+        vx, vy = min(max(vx, -TOP_SPEED), TOP_SPEED), min(max(vy, -TOP_SPEED), TOP_SPEED)
+        self.base.command(vx, vy if self._config.sideways else 0.0, min(max(wz, -TOP_TURN), TOP_TURN))
 
     def watch(self) -> bool:
         """Applies the robot's own time-out and its emergency stop; must be called often.

@@ -171,13 +171,14 @@ class FakeFirmata(Fake):
         self.health.stamp = now
         self.health.frames += 1
         if self.states:
-            out, t = self.state_arrays["buttons"], self.world.time * 1e-9
+            found, t, person = [], self.world.time * 1e-9, self._person
             for i, levels in enumerate(self._levels):
                 level = 0.0
                 for since, new in levels:
                     if since <= t:
                         level = new
-                out[i] = level if self._person is None else max(level, float(self._pressed(i, self._person)))
+                found.append(1.0 if person is not None and self._pressed(i, person) else level)
+            self.state_arrays["buttons"][:] = found
 
     def write(self, now: int) -> None:
         self._check()
@@ -241,6 +242,8 @@ class FakeFirmata(Fake):
         """The state of the person's finger on a button, debounced at each read as the real driver does."""
         now, down = self.world.time, person.pressed(self._buttons[number])
         was, since = self._seen[number]
+        if down == was == self._steady[number] and now >= since:
+            return down
         if down != was or now < since:
             self._seen[number], since = (down, now), now
         if now - since >= self._waits[number]:

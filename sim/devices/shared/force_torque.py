@@ -47,6 +47,7 @@ class ForceTorqueFake(Sensor, SampledFake):
         self._offset = np.array(options.offset)
         self.range: Array = np.array(options.range)
         self._least = -self.range
+        self._bounds = self._offset.tolist(), self.range.tolist()
         self._bias: Array = np.zeros(6)
         self.part = self.cell.part(FtSensorPart, name, options.part)
         frame = self.states[0].frame
@@ -90,4 +91,11 @@ class ForceTorqueFake(Sensor, SampledFake):
         self._bias = np.zeros(6)
 
     def _is_lost(self, number: int) -> bool:
-        return super()._is_lost(number) or (self.samples.keeps(number) and True in self.overload(number))
+        return super()._is_lost(number) or (self.samples.keeps(number) and self._saturated(number))
+
+    def _saturated(self, number: int) -> bool:
+        # As any of `overload`, in plain numbers: this is asked of each sample.
+        for value, offset, most in zip(self.samples[number].tolist(), *self._bounds, strict=True):
+            if abs(value + offset) > most:
+                return True
+        return False

@@ -115,7 +115,9 @@ class Intention:
 
     def pressed(self, button: str) -> bool:
         """Whether a button is pressed now."""
-        step = self.acting
+        if self.aim.begun < 0:  # as `acting`: this is asked of each button in each cycle
+            return False
+        step = self.step
         return isinstance(step, Press) and step.button == button
 
     def quit(self) -> None:

@@ -365,18 +365,18 @@ class PersonPart(Part):
         return self.intention.step is None
 
     def fill(self, truth: Mapping[str, Array]) -> None:
-        name, body, aim = self.name, self._body, self.intention.aim
-        truth[f"{name}_wrench"][:] = body.wrench
-        truth[f"{name}_push"][0], truth[f"{name}_push"][1] = self._place, body.wrench[:3]
-        truth[f"{name}_balance"][:] = body.balance
-        place, turn = self._place.tolist(), _four(self._turn.tolist())
-        reach = turned(turn, self._reach[0])
+        wrench, push, balance, its_aim, its_tool, activation, capacity, progress = self.setters(truth)
+        body, aim, place = self._body, self.intention.aim, self._place.tolist()
+        reach = turned(_four(self._turn.tolist()), self._reach[0])
         tool = [place[i] + reach[i] for i in range(3)]
-        truth[f"{name}_tool"][:] = tool
-        truth[f"{name}_aim"][:] = aim.pose[:3] if body.begun else tool
-        truth[f"{name}_activation"][:] = body.active
-        truth[f"{name}_capacity"][0] = body.capacity
-        truth[f"{name}_progress"][:] = aim.step, aim.missed, body.gave_up
+        wrench(*body.wrench)
+        push(*place, *body.wrench[:3])
+        balance(*body.balance)
+        its_tool(*tool)
+        its_aim(*(aim.pose[:3] if body.begun else tool))
+        activation(*body.active)
+        capacity(body.capacity)
+        progress(aim.step, aim.missed, body.gave_up)
 
     def save(self) -> Array:
         return np.array([*flat(self._body), *flat(self.intention.aim), *self._sight.save()])

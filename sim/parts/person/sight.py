@@ -60,7 +60,8 @@ class Sight:
             once = a + k * (now - a)
             twice = b + k * (once - b)
             late = twice if i < 3 else twice / 3
-            summed = min(max(s + gain * late, -_REACH), _REACH)
+            summed = s + gain * late
+            summed = -_REACH if summed < -_REACH else _REACH if summed > _REACH else summed
             first.append(once)
             second.append(twice)
             shift.append(summed)

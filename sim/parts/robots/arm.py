@@ -310,11 +310,12 @@ class ArmPart(Part):
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         name, measured, n = self.name, self._measure(), self.n
-        truth[f"{name}_position"][:] = self._q
-        truth[f"{name}_velocity"][:] = self._dq
-        truth[f"{name}_effort"][:] = measured[:n]
-        truth[f"{name}_external_effort"][:] = measured[n : 2 * n]
-        truth[f"{name}_flange"][:] = self._places[self._flange]
+        position, velocity, effort, external, flange, _ = self.setters(truth)
+        position(*self._q.tolist())
+        velocity(*self._dq.tolist())
+        effort(*measured[:n].tolist())
+        external(*measured[n : 2 * n].tolist())
+        flange(*self._places[self._flange].tolist())
         self._places.take(self._chain, 0, truth[f"{name}_links"], "clip")
 
     def save(self) -> Array:
@@ -354,10 +355,12 @@ class ArmPart(Part):
 
     def _settle(self) -> None:
         """Updates bodies: after a step they are one step behind the joints."""
-        if self._settled_at != self._data.time:
-            mujoco.mj_kinematics(self._model, self._data)
+        time = self._data.time
+        if self._settled_at != time:
+            if self.settled[0] != time:
+                mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_comPos(self._model, self._data)
-            self._settled_at = float(self._data.time)
+            self._settled_at = time
 
     def _measure(self) -> Array:
         """(2 n + 6,) effort, external effort, flange wrench; computed once for each instant."""

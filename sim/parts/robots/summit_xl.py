@@ -197,13 +197,14 @@ class SummitXlPart(Part):
         return np.array(self._odometry), np.array(self.robot.twist(*self._wheels))
 
     def fill(self, truth: Mapping[str, Array]) -> None:
-        name = self.name
-        truth[f"{name}_pose"][:] = self._q
-        truth[f"{name}_twist"][:] = self._twist()
-        truth[f"{name}_odometry"][:] = self._odometry
-        truth[f"{name}_wheels"][:] = self._wheels
-        np.dot(self._corners, self._axes.T, truth[f"{name}_outline"])
-        truth[f"{name}_outline"] += self._place
+        pose, twist, odometry, wheels, _ = self.setters(truth)
+        pose(*self._q.tolist())
+        twist(*self._twist())
+        odometry(*self._odometry)
+        wheels(*self._wheels)
+        outline = truth[f"{self.name}_outline"]
+        np.dot(self._corners, self._axes.T, outline)
+        outline += self._place
 
     def save(self) -> Array:
         waiting = np.full((_WAITING, 4), -1.0)
