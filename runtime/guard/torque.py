@@ -17,8 +17,10 @@ FADE = 0.25  # of the velocity limit: range below it in which effort that would 
 HOLD_TIME = 0.2  # s: damping divided by stiffness of the hold
 LAG = 4  # periods of delay from a velocity to its torque that a damped joint surely tolerates, at half its margin
 STILL = 0.02  # of the velocity limit: a slower joint is at rest
-SPAN = 0.1  # s of damping in which a joint's own motion becomes slower by SLOWS, or something else moves it
+SPAN = 0.1  # s of damping at least in which a joint's own motion becomes slower by SLOWS, or something else moves it
+LONGEST_SPAN = 1.0  # s: what hardly damps doesn't end a stop by being waited for
 SLOWS = 0.05  # share of the mean speed
+TAKES = 2.0  # of I/d at least, too: a joint that moves 20 times its least inertia slows by 2 SLOWS in that
 
 
 class Barrier(NamedTuple):
@@ -50,17 +52,19 @@ class Barrier(NamedTuple):
 
 
 class Span:
-    """How fast a joint is on average in a SPAN, and in the one before: a measured speed is too coarse by itself.
+    """How fast a joint is on average in a span, and in the one before: a measured speed is too coarse by itself.
 
     Attributes:
         begun: it has been given a speed.
         led: it isn't becoming slower, so something else moves it.
     """
 
-    __slots__ = ("_before", "_time", "_way", "begun", "led")
+    __slots__ = ("_before", "_length", "_time", "_way", "begun", "led")
 
-    def __init__(self) -> None:
+    def __init__(self, length: float) -> None:
+        """`length`: s, of a span."""
         self.begun = self.led = False
+        self._length = length
         self._way = self._time = 0.0
         self._before = inf
 
@@ -71,7 +75,7 @@ class Span:
             self.led, self._before, self._way, self._time = False, inf, 0.0, 0.0
             return
         self._way, self._time = self._way + speed * dt, self._time + dt
-        if self._time >= SPAN:
+        if self._time >= self._length:
             mean = self._way / self._time
             self.led = mean >= (1 - SLOWS) * self._before
             self._before, self._way, self._time = mean, 0.0, 0.0
@@ -96,8 +100,9 @@ class TorqueGuard(CommandGuard):
     each joint's own motion was over, with stiffness d/HOLD_TIME. `brake` and `retract` act as `hold`. All stops stay
     within effort and rate.
 
-    A joint's own motion is over when it is still, or no slower on average in a SPAN of damping than in the one before:
-    then a hand or a load moves it on. So `damp` is complete while a hand leads the limb, and `hold` doesn't creep under
+    A joint's own motion is over when it is still, or no slower on average in a span of damping than in the one before:
+    then a hand or a load moves it on. A span is SPAN, and longer where damping takes longer: at a low rate, or where
+    the effort is small. So `damp` is complete while a hand leads the limb, and `hold` doesn't creep under
     a steady force. What a hand lets go moves by itself again.
     """
 
@@ -114,9 +119,13 @@ class TorqueGuard(CommandGuard):
             )
         self._g = [0.0] * self.size  # the newest finite value
         self._held: list[float | None] = [None] * self.size
-        self._spans = [Span() for _ in range(self.size)]
         self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured values, read by `_sensed`
         self._barriers = [self._barrier(i) for i in range(self.size)]
+        self._lengths = [
+            min(max(SPAN, TAKES * inertia / max(b.d, 1e-9)), LONGEST_SPAN)
+            for inertia, b in zip(self.inertia, self._barriers, strict=True)
+        ]
+        self._spans = list(map(Span, self._lengths))
 
     def keep_clear(
         self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
@@ -185,7 +194,7 @@ class TorqueGuard(CommandGuard):
     def _release(self) -> None:
         """Forgets what a stop holds, and how it went."""
         if self._spans[0].begun:
-            self._held, self._spans = [None] * self.size, [Span() for _ in range(self.size)]
+            self._held, self._spans = [None] * self.size, list(map(Span, self._lengths))
 
     def _over(self, i: int) -> bool:
         """Whether a joint's own motion is over; see the class's docstring."""
