@@ -122,10 +122,12 @@ def strike(folder: Path, entry: Entry, why: str) -> list[str]:
 def _note(folder: Path, entry: Entry, ended: str, why: str, beside: list[str]) -> None:
     said = {"at": _utc(time.time()), "name": entry.name, "bytes": entry.size, "ended": ended, "why": why}
     said |= {"with": beside} if beside else {}
-    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
     descriptor = os.open(folder / LEDGER, flags, 0o600)
     try:
-        line = (json.dumps(said) + "\n").encode()
+        line, size = (json.dumps(said) + "\n").encode(), os.fstat(descriptor).st_size
+        if size and os.pread(descriptor, 1, size - 1) != b"\n":
+            line = b"\n" + line  # a full disk took half a line
         if os.write(descriptor, line) != len(line):
             raise OSError(0, f"the deletion can't be written down in {LEDGER}")
         os.fsync(descriptor)

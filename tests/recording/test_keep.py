@@ -232,3 +232,10 @@ def test_many_deletions_at_once_are_few_events_and_nothing_is_said_each_minute(
     assert said.count("was deleted") == 9
     assert said.count("clock") == 1
     loop.close()
+
+
+def test_half_a_line_of_a_full_disk_spoils_no_other(tmp_path: Path, save: Save) -> None:
+    save("old.rrd", 31)
+    (tmp_path / LEDGER).write_text('{"at": "2026-01-01T00:00:00+00:00", "na')
+    make_room(tmp_path, Keep(days=30.0), (), lambda text: None)
+    assert json.loads((tmp_path / LEDGER).read_text().splitlines()[-1])["name"] == "old.rrd"
