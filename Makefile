@@ -24,14 +24,18 @@ demo: setup
 	@echo "recording: $(OUT)/demo/sixth-finger.rrd (open it: $(BIN)/rerun $(OUT)/demo/sixth-finger.rrd)"
 	@echo "picture:   $(OUT)/demo/sixth-finger.png"
 
-# Two workers; the tests of a file share fixtures that take seconds, so they stay together. What measures time comes
-# after the others, one test at a time; only the files that have such tests are read for it.
+# Three workers for two cores, as some tests wait; the tests of a file share fixtures that take seconds, so they stay
+# together. What measures time comes after the others, one test at a time. To read all files takes a worker a quarter of
+# a minute, so of the smaller sets only those are read that have such tests.
+WORKERS := -n 3 --dist loadfile
 SERIAL = $(shell grep -rlw --include='test_*.py' -e mark.serial tests)
+SLOW = $(shell grep -rlw --include='test_*.py' -e mark.slow tests)
+EXHAUSTIVE = $(shell grep -rlwE --include='test_*.py' -e 'mark.(sampled|exhaustive)' tests)
 
 test: test-parallel test-serial
 
 test-parallel: setup
-	$(PYTEST) -n 2 --dist loadfile -m "not slow and not serial"
+	$(PYTEST) $(WORKERS) -m "not slow and not serial"
 
 test-serial: setup
 	$(PYTEST) -m "not slow and serial" $(SERIAL)
@@ -39,16 +43,16 @@ test-serial: setup
 slow: slow-parallel slow-serial
 
 slow-parallel: setup
-	$(PYTEST) -n 2 --dist loadfile -m "slow and not serial and not exhaustive"
+	$(PYTEST) $(WORKERS) -m "slow and not serial and not exhaustive" $(SLOW)
 
 slow-serial: setup
 	$(PYTEST) -m "slow and serial and not exhaustive" $(SERIAL)
 
 # What CI doesn't run: the rest of the products of which it runs a sample, and new examples of what hypothesis tries.
 exhaustive: setup
-	$(PYTEST) -n 2 --dist loadfile -m "exhaustive and not serial"
-	$(PYTEST) -m "exhaustive and serial" $(SERIAL)
-	$(PYTEST) -n 2 --dist loadfile --hypothesis-profile exhaustive -m "hypothesis and not slow"
+	$(PYTEST) $(WORKERS) -m "exhaustive and not serial" $(EXHAUSTIVE)
+	$(PYTEST) -m "exhaustive and serial" $(EXHAUSTIVE)
+	$(PYTEST) $(WORKERS) --hypothesis-profile exhaustive -m "hypothesis and not slow"
 
 lint: setup
 	$(BIN)/ruff check .

@@ -335,6 +335,7 @@ def test_every_trial_of_study_and_sweep_is_a_task_of_its_own() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive  # the quick set of each part has a test of its own
 @pytest.mark.timeout(300)
 def test_the_quick_study_has_all_its_claims(tmp_path: Path) -> None:
     runner = Runner(LocalEngine(1))

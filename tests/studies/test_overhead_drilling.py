@@ -152,6 +152,7 @@ def test_a_person_drills_a_hole(condition):
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive  # each kind of trial has a test of its own
 def test_a_short_study_runs(tmp_path: Path) -> None:
     result = overhead_drilling.run(tmp_path, quick=True, runner=Runner(LocalEngine(1)))
     assert [claim.id for claim in result.claims] == ["robot-more-holes", "robot-fewer-errors", "robot-slower"]
