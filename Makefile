@@ -29,7 +29,8 @@ demo: setup
 # a minute, so of the smaller sets only those are read that have such tests.
 WORKERS := -n 3 --dist loadfile
 SERIAL = $(shell grep -rlw --include='test_*.py' -e mark.serial tests)
-SLOW = $(shell grep -rlw --include='test_*.py' -e mark.slow tests)
+SLOW = $(sort $(shell grep -rlw --include='test_*.py' -e mark.slow tests))
+RUNS = tests/e2e/% tests/studies/%
 EXHAUSTIVE = $(shell grep -rlwE --include='test_*.py' -e 'mark.(sampled|exhaustive)' tests)
 
 test: test-parallel test-serial
@@ -42,8 +43,10 @@ test-serial: setup
 
 slow: slow-parallel slow-serial
 
+# Files with whole runs first: a worker that began one last would be waited for.
 slow-parallel: setup
-	$(PYTEST) $(WORKERS) -m "slow and not serial and not exhaustive" $(SLOW)
+	$(PYTEST) $(WORKERS) --no-loadscope-reorder -m "slow and not serial and not exhaustive" \
+		$(filter $(RUNS),$(SLOW)) $(filter-out $(RUNS),$(SLOW))
 
 slow-serial: setup
 	$(PYTEST) -m "slow and serial and not exhaustive" $(SERIAL)
