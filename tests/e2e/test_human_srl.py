@@ -155,6 +155,7 @@ def test_a_real_recording_may_be_the_wearer(tmp_path: Path) -> None:
     assert 1.4 < high < 1.8
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("rate", "seconds", "extra"), [(20, 50, 0.2), (1000, 6, 0.1)])
 def test_the_papers_test(tmp_path: Path, rate: int, seconds: int, extra: float) -> None:
     """1000 steps at 20 Hz, and at 1000 Hz: every step's 540 numbers are saved, and give its nodes again offline."""

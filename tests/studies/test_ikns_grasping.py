@@ -166,6 +166,7 @@ def test_a_change_of_what_nothing_has_is_refused_by_name(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive  # eight trials
 def test_what_a_trial_may_have_besides_changes_it() -> None:
     """So a name in the list that the trial doesn't read would be noticed."""
     changed: dict[str, Any] = {

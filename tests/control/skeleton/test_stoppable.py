@@ -102,6 +102,7 @@ def least(seed: int, seconds: float = 4.0) -> tuple[float, int]:
     return found, count
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_whatever_was_accepted_can_be_stopped_from_though_each_joint_has_a_lag_of_its_own(seed):
