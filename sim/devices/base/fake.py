@@ -52,7 +52,7 @@ class FakeBase(SampledFake):
         self.clock = options.clock
         top = self.limits[COMMAND].velocity
         assert top is not None
-        self._top, self._least = top, -top
+        self._top = top.tolist()
         self.base = self.cell.part(SummitXlPart, name, options.part)
         self.noise_scale = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
         self._obeyed = -WATCHDOG  # world time of the newest command, ns
@@ -71,11 +71,11 @@ class FakeBase(SampledFake):
 
     def write(self, now: int) -> None:
         self.check_there()
-        values = self.command_arrays[COMMAND]
-        if isfinite(sum(values.tolist())):
-            sent = self.sent_arrays[COMMAND]
-            np.minimum(np.maximum(values, self._least, out=sent), self._top, out=sent)
-            self.obey(*sent.tolist())
+        values = self.command_arrays[COMMAND].tolist()
+        if isfinite(sum(values)):
+            sent = [t if v > t else -t if v < -t else v for v, t in zip(values, self._top, strict=True)]
+            self.sent_arrays[COMMAND][:] = sent
+            self.obey(*sent)
             self._driven = True
 
     def stop(self, category: Stop) -> None:

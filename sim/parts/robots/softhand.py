@@ -78,6 +78,7 @@ class SoftHandPart(Part):
             Signal(name=f"{name}_contact_force", shape=(5,), unit="N", labels=FINGERS),
         )
         self._goal = nan
+        self._powered: bool | None = None  # whether the drive is set for power; None: it isn't set yet
         self._restored = (-1.0, 0.0)  # s and A: a restored world's current can't be recomputed
 
     # -- construction
@@ -207,10 +208,12 @@ class SoftHandPart(Part):
         """Sets the motor's target, rad (0 open, 1.82 closed), from the next physics step on; None: no power."""
         self._goal = nan if position is None else float(position)
         powered = position is not None
-        self._gain[0] = self._config.stiffness * powered
-        self._bias[1] = -self._config.stiffness * powered
         self._ctrl[0] = self._goal if powered else 0.0
-        self._damping[0] = self._drag if powered else _LIMP  # an open winding doesn't brake
+        if powered is not self._powered:
+            self._powered = powered
+            self._gain[0] = self._config.stiffness * powered
+            self._bias[1] = -self._config.stiffness * powered
+            self._damping[0] = self._drag if powered else _LIMP  # an open winding doesn't brake
 
     @property
     def commanded(self) -> float | None:
