@@ -307,6 +307,7 @@ def test_the_example_is_listed(installed: Path) -> None:
     assert "lever-to-joint" in [c["name"] for c in found["controllers"]]
 
 
+@pytest.mark.slow
 def test_the_examples_own_tests_pass(installed: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_lever.py"],

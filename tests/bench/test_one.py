@@ -59,6 +59,7 @@ def _only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
         monkeypatch.setitem(BENCHES, name, Bench(f"benches_of_a_test:{name}"))
 
 
+@pytest.mark.slow
 def test_a_bench_that_fails_is_said_and_the_others_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

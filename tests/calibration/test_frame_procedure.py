@@ -43,6 +43,7 @@ def test_what_turns_in_place_isnt_still(option: tuple[str, ...], holds: bool) ->
     assert (procedure.step.number == 2) == holds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gone", [{"lost": (2,)}, {"blind": (2,)}])
 def test_the_last_pose_of_lost_cameras_counts_for_nothing(gone: dict[str, Any]) -> None:
     actor = Leader(**gone)

@@ -148,6 +148,7 @@ def test_a_point_without_markers_is_done_again_at_once(actor: Actor) -> None:
     assert any("point 4: no sample of its trial has angles and hand" in line for line in screen.said)
 
 
+@pytest.mark.slow
 def test_the_end_can_be_left_without_a_file(actor: Actor, tmp_path: Path) -> None:
     with pytest.raises(QuitError, match="ended without a file"):
         session.run(ordered("a.json"), Answers("q"))

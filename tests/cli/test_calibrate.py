@@ -75,6 +75,7 @@ def test_the_law_reads_it_and_without_it_the_profile_lacks_it(
     assert main(["check", "worn.yaml"]) == 0
 
 
+@pytest.mark.slow
 def test_one_object_says_all(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("--sim", "--person", "P07", "--json", "-o", "other.json", "--flip", "swivel") == 0
     told = json.loads(capsys.readouterr().out)
@@ -99,6 +100,7 @@ def test_a_refused_calibration_writes_nothing(
     assert [p.name for p in folder.iterdir()] == ["worn.yaml"]
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_stays_without_yes(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,6 +126,7 @@ def test_every_file_that_was_replaced_is_kept(command: Command, folder: Path) ->
     assert not [p.name for p in folder.iterdir() if p.name.endswith(".new")]
 
 
+@pytest.mark.slow
 def test_a_link_is_followed(command: Command, folder: Path) -> None:
     (folder / "kept").mkdir()
     (folder / "p07.json").symlink_to("kept/own.json")
@@ -207,6 +210,7 @@ def test_a_recording_gives_the_same_file_and_a_point_is_done_again(
     assert "bad.rrd: it is of P07" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_trial_in_which_a_recording_ends_replaces_no_whole_one(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -229,6 +233,7 @@ def test_a_trial_in_which_a_recording_ends_replaces_no_whole_one(
     assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_recordings_own_thresholds_stand_but_for_those_that_are_typed(command: Command, folder: Path) -> None:
     actor = Actor()
     actor.taps.layout.meta["profile"] = actor.taps.layout.meta["profile"].replace("wander: 0.02", "wander: 0.015")
@@ -276,6 +281,7 @@ def test_the_sense_that_a_person_is_used_to_stays(
     assert (along(used, folder / "plain.json") > 0.99).all()
 
 
+@pytest.mark.slow
 def test_a_recording_alone_says_that_it_holds_no_sense(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -58,6 +58,7 @@ def read(path: Path) -> EmgRecord:
     return record_file.read(EmgRecord, path)
 
 
+@pytest.mark.slow
 def test_hidden_gains_are_found_and_the_profile_reads_them(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

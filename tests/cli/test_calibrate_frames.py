@@ -99,6 +99,7 @@ def test_points_that_a_tip_touches_find_it_too(command: Command, folder: Path) -
     assert (made.what, made.body) == ("points", None)
 
 
+@pytest.mark.slow
 def test_points_that_are_known_need_no_robot(command: Command, folder: Path) -> None:
     actor = Leader(POINTS)
     assert command("--sim", *options(POINTS), actor=actor) == 0
@@ -140,6 +141,7 @@ def test_what_cant_work_is_refused_with_its_reason(
     assert sorted(folder.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_the_old_file_is_kept(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("--sim") == 0
     first = (folder / "arm.json").read_bytes()
@@ -151,6 +153,7 @@ def test_the_old_file_is_kept(command: Command, folder: Path, capsys: pytest.Cap
     assert read(folder / "arm.json").pose.position[0] == pytest.approx(0.0, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_a_recording_gives_the_same_file_and_a_pose_is_done_again(command: Command, folder: Path) -> None:
     bad = Leader(pushed={3: 0.03})
     assert command("--sim", actor=bad) == 2

@@ -80,6 +80,7 @@ def test_hidden_bias_and_load_are_found_and_the_profile_reads_them(
     assert "controllers.2.calibration: it was made in simulation, and 'sensor' is real" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_law_takes_the_file_and_feels_no_hand_where_there_is_none(command: Command, folder: Path) -> None:
     assert command("--sim") == 0
     file = KeptFile.read(folder / "handle.json")
@@ -135,6 +136,7 @@ def test_the_old_file_is_kept(command: Command, folder: Path, capsys: pytest.Cap
     assert read(folder / "handle.json").tool_mass == pytest.approx(0.6, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_recording_gives_the_same_file_and_a_pose_is_done_again(command: Command, folder: Path) -> None:
     bad = Turner(touched={3: 2.0})
     assert command("--sim", actor=bad) == 2
@@ -227,6 +229,7 @@ def test_the_screen_shows_what_to_do_and_what_the_sensor_reads() -> None:
         assert words in shown
 
 
+@pytest.mark.slow
 def test_the_last_wrench_of_a_lost_sensor_counts_for_nothing() -> None:
     actor = Turner(lost=(2,))
     procedure = Procedure(Plan(), Thresholds())

@@ -168,6 +168,7 @@ def test_a_full_disk_is_said_before_anybody_begins(
     assert [path.name for path in folder.iterdir()] == ["worn.yaml"]
 
 
+@pytest.mark.slow
 def test_a_recording_gives_the_same_file_and_a_shape_is_done_again(command: Command, folder: Path) -> None:
     bad = Gloved(off={9: {"pinkie_pij": 0.4}})
     assert command("--sim", actor=bad) == 2

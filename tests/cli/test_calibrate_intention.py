@@ -73,6 +73,7 @@ def test_the_ten_actions_are_recorded_and_the_law_reads_the_file(
     assert main(["check", "suit.yaml"]) == 0
 
 
+@pytest.mark.slow
 def test_one_object_says_all(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("--sim", "--person", "P07", "--json", "-o", "other.json") == 0
     told = json.loads(capsys.readouterr().out)
@@ -85,6 +86,7 @@ def test_one_object_says_all(command: Command, folder: Path, capsys: pytest.Capt
     assert told["confusion"]["labels"] == [*FOUR.split(","), "stand", "walk", "rejected"]
 
 
+@pytest.mark.slow
 def test_who_doesnt_do_an_action_is_refused_and_nothing_is_written(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -135,6 +137,7 @@ def test_a_recordings_own_thresholds_stand_but_for_those_that_are_typed(command:
     assert (kept.dwell, kept.confidence) == (0.7, 0.6)
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_stays_without_yes(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -83,6 +83,7 @@ def test_a_hidden_heading_and_drift_are_found_and_the_profile_reads_them(
     assert "devices.suit.calibration: it was made in simulation, and the device is real" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_drift_of_hips_and_chest_is_in_the_heading_at_the_end(command: Command, folder: Path) -> None:
     all_of_it = {name: 1.5 * MINUTE for name in BODY.names}
     actor = Suited(heading=0.2, drift=all_of_it, scatter=0.001)
@@ -90,6 +91,7 @@ def test_a_drift_of_hips_and_chest_is_in_the_heading_at_the_end(command: Command
     assert read(folder / "p07.json").heading == pytest.approx(0.2 + 1.5 * MINUTE * (actor.time - 2.0), abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("actor", "words"),
     [
@@ -164,6 +166,7 @@ def test_keys_and_the_screen() -> None:
     assert procedure.done
 
 
+@pytest.mark.slow
 def test_the_old_file_is_kept_and_a_recording_gives_the_same(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

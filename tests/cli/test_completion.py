@@ -28,6 +28,7 @@ def offered(line: str, tmp_path: Path) -> set[str]:
     return {word.strip() for word in said.read_text().split("\n")}
 
 
+@pytest.mark.slow
 def test_commands_and_their_options_are_offered(tmp_path: Path) -> None:
     assert offered("srl re", tmp_path) == {"recordings", "replay", "reset"}
     assert offered("srl run sixth-finger --f", tmp_path) == {"--fast", "--figure"}
@@ -69,6 +70,7 @@ zpty -d shell
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shell", "script"), [("bash", _BASH), ("zsh", _ZSH)])
 def test_a_shell_that_has_switched_it_on_completes(shell: str, script: str, tmp_path: Path) -> None:
     if shutil.which(shell) is None:

@@ -75,6 +75,7 @@ def test_without_a_journal_the_line_is_written(
     assert capfd.readouterr().err == "srl: warning: here\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("into", "code", "said"), [("| true", 0, ""), ("> /dev/full", 2, "no room left on the disk")])
 def test_an_output_that_takes_nothing_is_no_traceback(into: str, code: int, said: str) -> None:
     line = f"set -o pipefail; {shlex.join(srl('list'))} {into}"

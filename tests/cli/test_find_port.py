@@ -203,6 +203,7 @@ def test_ctrl_c_ends_the_wait(plugged: list[ListPortInfo], monkeypatch: pytest.M
     assert main(["find-port", "--wait"]) == 130
 
 
+@pytest.mark.slow
 def test_the_process_lists_this_machines_ports(tmp_path: Path) -> None:
     done = subprocess.run(
         srl("find-port", "--json"), cwd=tmp_path, capture_output=True, text=True, timeout=100, check=True

@@ -14,6 +14,7 @@ from runtime.cli import COMMANDS, MODULES, main
 HEAVY = {"matplotlib", "mujoco", "rerun", "scipy", "zenoh"}  # each takes longer to load than the rest of a command
 
 
+@pytest.mark.slow
 def test_a_stop_a_check_and_a_show_without_a_simulation_load_none_of_them() -> None:
     code = (
         "import sys; from runtime.cli import main; main(['stop', 'no-such']); main(['check', 'sixth-finger']); "

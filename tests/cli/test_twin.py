@@ -119,6 +119,7 @@ def test_a_driver_without_a_twin_is_named(monkeypatch, capsys):
     assert "none of its drivers has a twin: cyberglove, firmata" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_control_line_that_is_wrong_is_answered_and_changes_nothing():
     with TwinProcess("sixth-finger", "glove", "--control") as twin:
         for wrong in ("explode glove", "close thumb", "restart glove", "close"):
@@ -170,6 +171,7 @@ def test_a_machine_too_slow_for_the_world_leaves_no_client_without_service(monke
     assert late.figures()["most"] > 3.0
 
 
+@pytest.mark.slow
 def test_a_twin_that_was_kept_from_running_says_so():
     with TwinProcess("sixth-finger", "glove") as twin:
         glove = driver(CyberGlove, "glove", twin.addresses["glove"])

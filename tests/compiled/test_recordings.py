@@ -43,6 +43,7 @@ def in_c(layout: Layout, rows: np.ndarray) -> Comparison:
     return replay(layout, rows, "a test")
 
 
+@pytest.mark.slow
 def test_the_sixth_finger() -> None:
     layout, rows = recorded("sixth-finger", 300, "python")
     assert replay(layout, rows, "a test").identical

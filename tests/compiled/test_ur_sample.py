@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 import numpy as np
+import pytest
 from helpers.compiled import ODD, needs_c
 from hypothesis import given
 from hypothesis import strategies as st
@@ -29,6 +30,7 @@ def in_python() -> Sample:
     return sample
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(turns | values, words), min_size=1, max_size=5))
 def test_a_sequence_of_packets(packets: list[tuple[list[float], tuple[int, ...]]]) -> None:
     samples = in_python(), Sample()

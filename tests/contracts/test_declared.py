@@ -25,6 +25,7 @@ def test_every_part_is_described_as_its_class_says(group: str, attributes: tuple
         assert registry.describe(group, name, attributes) == said
 
 
+@pytest.mark.slow
 def test_every_profile_is_summed_up_as_it_says() -> None:
     for name in shelf.shipped():
         assert shelf.summary(name) == profile.load(name)[0].summary

@@ -15,6 +15,7 @@ WORLD = {"world": "cell", "parts": {"sensor": {"part": "ft-sensor"}}}
 SENSORS = {"ati-netft": (AtiNetFt, AtiNetFtConfig), "can-ft": (CanFt, CanFtConfig)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SENSORS)
 def test_a_stopped_sensor_grows_old_and_goes_on(kind):
     device, config = SENSORS[kind]

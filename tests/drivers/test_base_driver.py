@@ -52,6 +52,7 @@ def test_a_silent_loop_means_zero_velocity() -> None:
         r.drive()  # and it goes on when the loop does
 
 
+@pytest.mark.slow
 def test_a_loop_that_dies_leaves_a_stop_frame() -> None:
     with robot(expiry=0.5) as r:
         r.base.open()
@@ -79,6 +80,7 @@ def test_the_process_stops_it_when_the_driver_is_gone() -> None:
         assert process.wait(20) == 0
 
 
+@pytest.mark.slow
 def test_a_process_that_hung_delivers_nothing_old() -> None:
     with robot() as r:
         r.base.open()
@@ -100,6 +102,7 @@ def test_a_process_that_hung_delivers_nothing_old() -> None:
         assert all(velocity[0] >= 0.0 for _, velocity in r.served.do(lambda: list(r.twin.taken)))
 
 
+@pytest.mark.slow
 def test_stop_and_close_stop_it() -> None:
     with robot(expiry=0.5) as r:
         r.base.open()

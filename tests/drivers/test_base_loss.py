@@ -54,6 +54,7 @@ def test_a_killed_zenoh_process_is_lost_and_comes_back() -> None:
         r.drive()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "other", "said"),
     [

@@ -148,6 +148,7 @@ def test_every_record_of_a_clean_stream_is_found(sensors, time_stamp, status):
     assert (parser.errors, parser.resyncs) == (0, 0)
 
 
+@pytest.mark.slow
 @given(st.lists(sensor_bytes | tricky, min_size=12, max_size=12), st.integers(0, 249), st.integers(0, 60))
 @settings(max_examples=300)
 def test_lost_bytes_never_make_a_record_that_was_not_sent(sensors, start, count):

@@ -51,6 +51,7 @@ def test_positions_are_reached_by_physics_with_a_delay_of_a_cycle(protocol):
         assert (figures["damaged"], figures["collisions"], figures["bytes_lost"]) == (0, 0, 0)
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("flipped", [False, True])
 def test_velocity(protocol, flipped):
@@ -180,6 +181,7 @@ def test_the_world_may_pause_between_opening_and_the_first_cycle():
         np.testing.assert_allclose(truth(rig)[:2], where[:2] + 0.1, atol=0.01)
 
 
+@pytest.mark.slow
 def test_the_watchdog_stops_a_motion_whose_host_is_gone_and_going_on_takes_a_person():
     with Rig(make_twin(mode="velocity")) as rig:
         rig.hold()

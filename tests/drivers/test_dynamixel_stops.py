@@ -14,6 +14,7 @@ from runtime.contracts.signals import Stop
 # -- faults
 
 
+@pytest.mark.slow
 @BOTH
 def test_overload_is_a_fault_and_recovery_leaves_it_limp_until_the_next_start(protocol):
     with Rig(make_twin(protocol=protocol)) as rig:

@@ -179,6 +179,7 @@ def test_another_drivers_commands_stop_it_at_once_and_end_it_soon(controller):
     assert controller.state == ScriptState.ABANDONED
 
 
+@pytest.mark.slow
 def test_alone_it_ends_after_a_minute(controller):
     assert len(controller.cycles(ALONE + 100)) == ALONE + 1
     assert controller.state == ScriptState.ABANDONED

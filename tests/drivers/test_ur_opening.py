@@ -76,6 +76,7 @@ def test_an_arm_that_is_only_read_gets_nothing_and_may_be_in_local_control():
         assert (rig.twin.programs, rig.twin.errors, set(rig.twin.rtde.seen)) == ([], [], {"V", "v", "O", "S"})
 
 
+@pytest.mark.slow
 def test_a_simulated_arm_that_a_person_leads_is_read_on_the_way():
     fake = make_fake({"interface": "none"}, {"arm": {"part": "ur16e", "guided": True}})
     fake.open()
@@ -131,6 +132,7 @@ def test_measured_torques_need_a_newer_controller():
     refused("doesn't give measured torques", {"effort": "measured"})
 
 
+@pytest.mark.slow
 def test_a_program_of_others_is_not_replaced():
     class Other:
         name = "pick_and_place"

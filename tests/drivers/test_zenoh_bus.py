@@ -56,6 +56,7 @@ class Other:
         self.process.wait(10)
 
 
+@pytest.mark.slow
 def test_every_message_of_the_bus_with_the_devices_own_stamps(tmp_path: Path) -> None:
     other = Other(tmp_path)
     device = remote(other.port)

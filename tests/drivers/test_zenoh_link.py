@@ -165,6 +165,7 @@ def test_a_command_taken_while_the_socket_was_full_holds_up_none_after_it(door: 
     link.close()
 
 
+@pytest.mark.slow
 def test_a_process_that_hangs_is_replaced(door: ZenohDoor, monkeypatch: pytest.MonkeyPatch) -> None:
     link = opened(door)
     hung = link.pid()

@@ -84,6 +84,7 @@ def test_samples_that_repeat_their_stamp_are_not_fresh(monkeypatch: pytest.Monke
         sender.close()
 
 
+@pytest.mark.slow
 def test_what_waited_on_its_way_is_as_old_as_it_is() -> None:
     """A stall of the network: its samples come late, all at once, and are old; then all is well again."""
     base = 3_000_000_000 * 10**9 // 2  # another host's clock
@@ -134,6 +135,7 @@ def test_a_clock_that_is_set_back_opens_the_link_anew() -> None:
         sender.close()
 
 
+@pytest.mark.slow
 def test_garbage_is_counted_and_the_next_good_sample_is_taken() -> None:
     def content(number: int) -> tuple[bytes, int]:
         stamp = time.time_ns()
@@ -150,6 +152,7 @@ def test_garbage_is_counted_and_the_next_good_sample_is_taken() -> None:
         sender.close()
 
 
+@pytest.mark.slow
 def test_without_stamps_arrival_counts_and_is_said() -> None:
     key = {"value": {"key": "lab/hand/position", "shape": [2], "unit": "1", "type": messages.MULTI_ARRAY}}
     encoder = messages.Encoder(Field("hand.value", "state", 0, (2,), "1"))

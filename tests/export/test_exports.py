@@ -108,6 +108,7 @@ def test_parquet_has_every_number_in_pandas_and_polars(tmp_path: Path) -> None:
     assert json.loads(schema.metadata[b"srl.events"])[0]["text"] == recording.events[0].text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", ["mcap", "rosbags"])
 def test_mcap_has_every_number_for_readers_of_ros_2(reader: str, tmp_path: Path) -> None:
     pytest.importorskip("mcap")
@@ -318,6 +319,7 @@ def test_a_package_that_is_not_installed_is_named_with_its_extra() -> None:
         report.needed("mcap_writer_of_another_day", "mcap", "--mcap")
 
 
+@pytest.mark.slow
 def test_exports_and_pictures_are_known_as_made_of_their_recording(tmp_path: Path) -> None:
     (tmp_path / "run.rrd").touch()
     wanted = [f"run{ending}" for ending in (".png", ".pdf", ".svg", ".eps")]

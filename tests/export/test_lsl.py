@@ -185,6 +185,7 @@ def in_namespace(command: str, folder: Path, timeout: float = 100) -> subprocess
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @needs_namespaces
 def test_who_could_read_it_is_tried(tmp_path: Path) -> None:
     look = f"{sys.executable} -c 'from runtime.contracts.reach import reachable; print(reachable())'"

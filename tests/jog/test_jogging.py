@@ -199,6 +199,7 @@ def test_a_stop_holds_whatever_is_pressed_and_a_reset_moves_nothing() -> None:
     assert run.lockstep.cycle.machine.state is State.ACTIVE
 
 
+@pytest.mark.slow
 def test_a_key_that_is_pressed_just_before_a_reset_moves_nothing_while_it_is_held() -> None:
     """Its first repeat comes half a second later: that isn't a new press."""
     run = Run(made("servo-jog"))

@@ -284,6 +284,7 @@ def instance(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Instance]:
     made.close()
 
 
+@pytest.mark.slow
 def test_a_parameter_is_set_over_the_bus_and_read_back_from_the_loop(instance: Instance) -> None:
     async def change(tab: Socket) -> list[str]:
         scene = await heard(tab, "scene")

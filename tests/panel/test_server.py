@@ -314,6 +314,7 @@ def test_a_trial_that_nobody_begins_can_be_given_up(screen: Screen) -> None:
 # The end
 
 
+@pytest.mark.slow
 def test_the_process_ends_with_the_study(loop: MadeUpLoop) -> None:
     with Screen(loop.folder, SIGNAL) as screen:
         pid = screen.pid
@@ -321,6 +322,7 @@ def test_the_process_ends_with_the_study(loop: MadeUpLoop) -> None:
     assert not alive(pid)
 
 
+@pytest.mark.slow
 def test_the_death_of_the_process_is_said(loop: MadeUpLoop) -> None:
     with Screen(loop.folder, SIGNAL) as screen:
         kill = threading.Timer(0.1, os.kill, (screen.pid, signal.SIGKILL))

@@ -158,6 +158,7 @@ def test_malformed_choices_are_refused(choices: str) -> None:
         parse(TEXT[: TEXT.index("choices:")] + f"choices: {choices}\n")
 
 
+@pytest.mark.slow
 def test_srl_check_shows_the_word_and_refuses_another_without_a_traceback(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

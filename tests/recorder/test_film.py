@@ -21,6 +21,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return body_file(tmp_path_factory.mktemp("r"))
 
 
+@pytest.mark.slow
 def test_it_goes_as_fast_as_the_run_and_moves(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gif = tmp_path / "f.gif"
     assert main(["export", str(file), "--film", str(gif), "--between", "1", "2", "--rate", "5"]) == 0

@@ -41,6 +41,7 @@ def painted(made: Wiring) -> Any:
     return axis
 
 
+@pytest.mark.slow
 def test_a_picture_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     png = tmp_path / "sixth-finger.png"
     assert main(["show", "sixth-finger", "--png", str(png)]) == 0
@@ -58,6 +59,7 @@ def test_words_are_drawn_as_they_are(tmp_path: Path) -> None:
     assert main(["show", "sixth-finger", "--set", summary, "--set", frames, "--png", str(png)]) == 0
 
 
+@pytest.mark.slow
 def test_a_picture_that_cant_be_written_leaves_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -48,6 +48,7 @@ def places(figure: Figure) -> dict[str, tuple[float, float]]:
     return {text.get_text(): text.get_position() for text in figure.axes[0].texts}
 
 
+@pytest.mark.slow
 def test_the_tree_has_every_node_below_its_parent(recording: Recording, tmp_path: Path, kept: list[Figure]) -> None:
     assert draw_tree(recording, tmp_path / "t.png") == 90
     assert (tmp_path / "t.png").read_bytes().startswith(b"\x89PNG")
@@ -100,6 +101,7 @@ def test_without_a_part_it_shows_the_first_branch(file: Path) -> None:
     assert lines.count("{") == lines.count("}") == 5
 
 
+@pytest.mark.slow
 def test_keywords_are_bold(recording: Recording, file: Path, tmp_path: Path, kept: list[Figure]) -> None:
     draw_page(recording, file, tmp_path / "p.png", ["right SRL"])
     bold = {text.get_text().strip() for text in kept[0].texts if text.get_weight() == "bold"}

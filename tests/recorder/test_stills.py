@@ -113,6 +113,7 @@ def test_the_body_keeps_its_colour_where_an_arm_hangs_on_it(
             assert GROUPS[child] == GROUPS[line[0]], (TREE.names[child], TREE.names[parent])
 
 
+@pytest.mark.slow
 @given(
     spots=st.lists(st.tuples(st.floats(0.3, 0.7), st.floats(0.3, 0.7)), min_size=2, max_size=6),
 )

@@ -93,6 +93,7 @@ def test_epsilon_of_an_octahedron(edges: int, expected: float) -> None:
     assert epsilon(wrenches(OCTAHEDRON, 0.8, R, edges)) == pytest.approx(expected, abs=5e-4)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.integers(1, 9), st.sampled_from([-1.0, 0.0, 0.6]))
 @settings(max_examples=40, deadline=None)
 def test_closure_by_a_linear_program_agrees_with_the_hull(seed: int, k: int, lowest: float) -> None:
@@ -102,6 +103,7 @@ def test_closure_by_a_linear_program_agrees_with_the_hull(seed: int, k: int, low
         assert force_closure(W) is (found > 0.0)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.integers(4, 7))
 @settings(max_examples=20, deadline=None)
 def test_no_direction_is_resisted_less_than_epsilon(seed: int, k: int) -> None:
@@ -148,6 +150,7 @@ def test_two_contacts_never_close_and_a_cap_is_isotropic_without_closing() -> No
     assert epsilon(W) == 0.0
 
 
+@pytest.mark.slow
 @given(SEEDS)
 @settings(max_examples=20, deadline=None)
 def test_epsilon_grows_with_contacts_and_with_friction(seed: int) -> None:

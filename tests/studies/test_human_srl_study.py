@@ -201,6 +201,7 @@ def test_a_trial_depends_on_its_arguments_alone() -> None:
     assert reached(motion=2) != reached()
 
 
+@pytest.mark.slow
 def test_the_person_moves_alike_whatever_the_arm_does() -> None:
     rows = [reached(), reached(guarded=False), reached(drop=0.5), reached(servo=3.0)]
     assert len({row["acceleration"] for row in rows}) == 1

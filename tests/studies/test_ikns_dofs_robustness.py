@@ -115,6 +115,7 @@ def test_two_dofs_are_followed_at_once_better_than_by_standing_still(monkeypatch
     assert float(str(row["leak_max"])) < 0.03
 
 
+@pytest.mark.slow
 def test_the_law_of_a_study_is_the_profiles_but_for_what_is_said() -> None:
     text = profile.find("ikns-two")[1]
     clamped = Rig(sensing(text), {}, 1, two_calibration())

@@ -52,6 +52,7 @@ def test_an_ideal_hand_picks_and_places_every_object(code: str) -> None:
     assert 1.0 < found.force < 30.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", "AI")
 def test_ample_friction_holds_in_the_air_and_none_drops(code: str) -> None:
     """Held still in the air for two seconds. The same grasp on ice stays on the table."""
@@ -77,6 +78,7 @@ def test_contact_stops_the_finger_at_its_servos_stall_torque() -> None:
     assert np.abs(truth["finger_velocity"]).max() < 0.05
 
 
+@pytest.mark.slow
 def test_the_heaviest_object_needs_the_stronger_servo() -> None:
     """370 g: the standard finger of 0.14 N m doesn't lift it, one of 0.22 N m does. 68 g are light for both."""
     assert one("M", servo=WEAK).reason in ("not lifted", "dropped")
@@ -116,12 +118,14 @@ def test_a_finger_that_doesnt_open_hasnt_released() -> None:
     assert grasp_trial(lockstep, who, task, YCB["I"], watch=watch).reason == "not released"
 
 
+@pytest.mark.slow
 def test_a_slow_hand_runs_out_of_time() -> None:
     found = one("I", pace=6.0)
     assert (found.success, found.reason) == (False, "out of time")
     assert found.seconds == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_an_object_that_is_left_elsewhere_is_off_the_goal() -> None:
     lockstep, who, task = carried_cell("A")
     plain = who.reach
@@ -136,6 +140,7 @@ def test_an_object_that_is_left_elsewhere_is_off_the_goal() -> None:
     assert found.off == pytest.approx(0.08, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_grasp() -> None:
     assert one("L") == one("L")
 

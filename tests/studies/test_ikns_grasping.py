@@ -45,6 +45,7 @@ def steady(condition: str, code: str) -> Setting:
     return Setting(PROFILE, given, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", KINDS)
 def test_the_hand_comes_where_it_is_told_with_its_palm_upright(condition: str) -> None:
     made = steady(condition, "A")

@@ -63,6 +63,7 @@ def test_a_session_goes_on_as_it_was_begun(here: Path) -> None:
     assert "--quick" in refused("study", "ikns-tracking", "--person", "P07")
 
 
+@pytest.mark.slow
 def test_three_people_who_are_through_give_claims_and_nobody_else_counts(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     for who, count in (("P01", 6), ("P02", 6), ("P03", 6), ("P04", 5)):

@@ -70,6 +70,7 @@ def test_a_finger_without_noise_is_the_curve_a_lag_later(name: str) -> None:
     assert behind < 0.4 * ahead
 
 
+@pytest.mark.slow
 def test_pursuit_is_further_behind_than_preview() -> None:
     error = {m: np.std(followed(finger(m))[T > 0] - curve("T2", T[T > 0])) for m in ("preview", "pursuit")}
     assert error["pursuit"] > 1.3 * error["preview"]

@@ -110,6 +110,7 @@ def trial(subject: str, condition: str, holes: float, time: float, errors: float
     return Trial(subject, condition, figures | {"AD": 1.0, "PD": 2.0, "BC": 3.0, "TR": 4.0}, f"{subject}-{condition}")
 
 
+@pytest.mark.slow
 def test_who_completed_no_hole_is_named_and_isnt_in_the_times(tmp_path):
     found = [
         *(trial(f"P{k:02}", "HR", 20, 9 + 0.1 * k, 0) for k in range(1, 5)),
@@ -130,6 +131,7 @@ def test_who_completed_no_hole_is_named_and_isnt_in_the_times(tmp_path):
     assert result.table[4]["T H"] == "8.00 (0.00)"
 
 
+@pytest.mark.slow
 def test_a_trial_of_fewer_holes_counts_by_its_share(tmp_path):
     found = [trial(f"P{k:02}", c, 20, 9.0 + k, k) for k in range(1, 4) for c in ("HR", "H")]
     found = [

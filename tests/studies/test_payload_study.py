@@ -37,6 +37,7 @@ def test_the_trials_rigid_body_is_pinocchios() -> None:
     np.testing.assert_allclose(found, true, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_trial_of_each_kind() -> None:
     given = {"setup": setup()}
     free = guide(TEXT, given | {"seconds": 1.0}, 1)

@@ -41,6 +41,7 @@ def test_a_motion_of_known_gain_and_delay_is_measured(
     assert found["rest"] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_kairos_moves_as_the_law_says_but_for_its_delay() -> None:
     found = trial(profile.find("kairos-man")[1], SHAKE | {"frequency": 2.0}, 0)
     assert found["gain"] == pytest.approx(1.0, abs=0.1)
@@ -48,6 +49,7 @@ def test_kairos_moves_as_the_law_says_but_for_its_delay() -> None:
     assert found["cause"] == ""
 
 
+@pytest.mark.slow
 def test_claims_are_of_our_law_and_of_what_a_person_does_on_purpose(tmp_path: Path) -> None:
     def off(gain: float, **where: Any) -> Any:
         chosen = [t for t in tasks(FREQUENCIES) if all(t.parameters[k] == v for k, v in where.items())]

@@ -64,6 +64,7 @@ def test_drop_outs_and_drifting_yaws_of_the_sensors_cost_next_to_nothing(referen
         assert millimetres(Trial("medium", "roll-pitch", base=base).run(SECONDS), reference) < exact + 1.5
 
 
+@pytest.mark.slow
 def test_a_sensor_that_falls_silent_leaves_the_arm_uncompensated():
     lost = Trial("medium", "roll-pitch", base={"loss": []} | {"dropout": 1.0}).run(4.0)
     none = Trial("medium", "none").run(4.0)

@@ -59,6 +59,7 @@ def test_a_row_comes_back_from_the_journal_as_it_was(rows: list[dict[str, Value]
         assert same(back, row(values))
 
 
+@pytest.mark.slow
 @given(columns())
 def test_rows_come_back_from_parquet_as_they_were(tmp_path_factory: pytest.TempPathFactory, rows: list) -> None:
     file = tmp_path_factory.mktemp("p") / table.FILE

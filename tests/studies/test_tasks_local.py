@@ -45,6 +45,7 @@ def values(rows: list[Row]) -> str:
     return repr([(row.task.seed, row.state, row.values) for row in rows])
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_with_any_number_of_workers_and_arent_computed_twice(toy: Any, tmp_path: Path) -> None:
     one = run(toy, tmp_path / "one", 1)
     two = run(toy, tmp_path / "two", 2)
@@ -83,6 +84,7 @@ def test_a_trial_that_always_kills_its_worker_is_given_up_and_no_other_with_it(
     assert "1 of 12 trials have no values" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_trial_that_fails_is_kept_as_such_until_it_is_to_be_run_again(
     toy: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -98,6 +100,7 @@ def test_a_trial_that_fails_is_kept_as_such_until_it_is_to_be_run_again(
     assert table.read(tmp_path / "out" / table.FILE)[4]["error"] == failed[0].error
 
 
+@pytest.mark.slow
 def test_rows_of_another_version_are_named_and_not_mixed(
     toy: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +125,7 @@ def _here(self: LocalEngine, orders: dict[str, Any]) -> Iterator[list[tuple[str,
         yield [(key, answer | {"environment": order["environment"]})]
 
 
+@pytest.mark.slow
 def test_a_program_that_is_edited_while_the_study_runs_is_noticed(toy: Any, tmp_path: Path) -> None:
     environment.environment("toy")
     file = tmp_path / "toy" / "toy_study.py"

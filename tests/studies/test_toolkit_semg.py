@@ -56,6 +56,7 @@ def _noise(seconds: float, rms: float, seed: int = 0, rate: float = 2000.0) -> n
     return white * rms / math.sqrt((450 - 20) / (rate / 2))
 
 
+@pytest.mark.slow
 def test_noise_gives_its_mean_absolute_value_offline_and_online_whatever_the_offset() -> None:
     raw = _noise(60, 1e-4)
     expected = 1e-4 * math.sqrt(2 / math.pi)

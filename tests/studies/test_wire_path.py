@@ -116,6 +116,7 @@ def trials(errors: dict[str, tuple[float, ...]]) -> list[Trial]:
     ]
 
 
+@pytest.mark.slow
 def test_a_claim_that_doesnt_hold_is_reported_so(tmp_path):
     result = wire_path.result(trials({"HR": (2, 1, 3), "H": (0, 1, 1)}), tmp_path)
     held = {claim.id: (claim.holds, claim.measured) for claim in result.claims}
@@ -128,6 +129,7 @@ def test_a_claim_that_doesnt_hold_is_reported_so(tmp_path):
         assert (tmp_path / file).stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_an_interval_that_crosses_zero_is_no_difference(tmp_path):
     result = wire_path.result(trials({"HR": (0, 1, 0), "H": (1, 0, 1)}), tmp_path)
     fewer = result.claims[0]
@@ -135,6 +137,7 @@ def test_an_interval_that_crosses_zero_is_no_difference(tmp_path):
     assert not fewer.holds
 
 
+@pytest.mark.slow
 def test_who_didnt_finish_has_no_time_but_touches(tmp_path):
     found = trials({"HR": (2, 1, 9), "H": (3, 2, 9)})
     stopped = replace(found[2], values={**found[2].values, "finished": 0.0})

@@ -330,6 +330,7 @@ def test_the_plugin_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "['runtime', 'runtime.testing', 'runtime.testing.plugin']"
 
 
+@pytest.mark.slow
 def test_the_public_face_needs_no_pytest() -> None:
     code = "import sys; sys.modules['pytest'] = None; import srl.testing"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -36,6 +36,7 @@ def run(begin: str, program: str, **options: Any) -> tuple[dict[str, Any], dict[
     return said, twin.figures()
 
 
+@pytest.mark.slow
 def test_it_connects_reads_and_runs_torque_and_velocity_loops() -> None:
     said, figures = run(
         BARE,
@@ -70,6 +71,7 @@ said["after_velocity"] = list(robot.read_once().q)
     assert (figures["reflexes"], figures["packets_lost"]) == (0, 0)
 
 
+@pytest.mark.slow
 def test_a_jump_of_torque_is_a_reflex_that_recovery_clears() -> None:
     said, figures = run(
         BARE,
@@ -144,6 +146,7 @@ said["mode"] = robot.read_once().robot_mode.name
     assert said["mode"] == "kUserStopped"
 
 
+@pytest.mark.slow
 def test_its_own_motions_with_its_own_gains_use_the_model_that_the_robot_gave_it() -> None:
     """The arm as it is: rotors and the published friction."""
     said, figures = run(

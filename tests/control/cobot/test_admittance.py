@@ -284,6 +284,7 @@ def test_the_bare_law_does_ring_there() -> None:
     assert peaks[-1] > 5 * peaks[0]
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(["wrench", "pose", "twist"]), st.integers(0, 5), st.integers(1, 2000))
 def test_a_measurement_that_is_no_number_is_refused_and_leaves_nothing_behind(name: str, at: int, count: int) -> None:

@@ -73,6 +73,7 @@ def test_contact_does_not_ring(stiffness: float) -> None:
     assert max(np.abs(seen[-500:])) <= max(np.abs(seen))
 
 
+@pytest.mark.slow
 def test_compliance_is_the_spring_it_says_and_takes_off_weight_and_hand() -> None:
     config = ComplianceConfig(
         axes="sensor", dead_band=(0, 0),

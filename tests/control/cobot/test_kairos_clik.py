@@ -120,6 +120,7 @@ def test_it_converges_within_the_horizon_of_its_gains() -> None:
     assert log(0.5 / 1e-3) / 0.01 < 635
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, FREE], ids=["slowed", "as published"])
 @pytest.mark.parametrize("locomotion", [False, True])
 def test_a_tool_pulled_through_the_straight_arm_stays_bounded(options: dict[str, Any], locomotion: bool) -> None:
@@ -216,6 +217,7 @@ def test_the_bases_command_is_in_its_own_frame(yaw: float) -> None:
     np.testing.assert_allclose(commands[1], commands[0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_manipulation_spares_the_base_and_locomotion_the_arm() -> None:
     moved = []
     for mode in ("", "P"):

@@ -140,6 +140,7 @@ def test_the_tool_misses_no_more_than_must_be(seed: int) -> None:
     assert np.sum((root @ x) ** 2) <= 2 * best.cost * (1 + 1e-6) + bound_ + 1e-7
 
 
+@pytest.mark.slow
 @settings(max_examples=3, deadline=None)
 @given(seeds, st.sampled_from([0.0, 0.02]))
 def test_limits_are_kept_whatever_is_wished_for(seed: int, lag: float) -> None:

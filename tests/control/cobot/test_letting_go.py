@@ -66,6 +66,7 @@ def lagging(controller: Admittance, seconds: float, gain: float = 3.0) -> tuple[
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("modes", [[0, 0, 0, 0], [1, 0, 0, 0]])
 def test_a_robot_that_lags_stops_where_it_is_as_the_desired_pose_comes_back_to_it(modes: list[float]) -> None:
     ways = {}

@@ -42,6 +42,7 @@ def test_a_mode_that_has_all_but_no_mobility_has_bounded_damping() -> None:
     assert np.isfinite(D).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"unit_mass": True, "rotors": "none"}], ids=["ours", "as published"])
 def test_a_push_dies_out_two_milliseconds_late(options: dict[str, Any]) -> None:
     """The rotors' inertia keeps the light wrist from ringing, without friction, too."""

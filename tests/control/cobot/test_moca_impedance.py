@@ -232,6 +232,7 @@ def test_a_straight_arm_and_a_wrist_in_line_leave_the_torques_bounded_and_smooth
             assert max(steps) < 1.0  # N m a millisecond: what the robot's torque rate allows
 
 
+@pytest.mark.slow
 def test_a_blocked_tip_is_pushed_with_a_bounded_force() -> None:
     """The admittance's leash lets the reference run ahead by 3 cm and a little more."""
     rig = MocaRig()

@@ -121,6 +121,7 @@ def test_the_solver_itself_agrees_with_the_closed_form(seed: int, eta_B: float, 
         np.testing.assert_allclose(mine.output[name], value, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=3, deadline=None)
 @given(seeds, st.floats(0.3, 1.0))
 def test_limits_are_kept_whatever_is_wished_for(seed: int, effort: float) -> None:

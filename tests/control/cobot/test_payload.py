@@ -155,6 +155,7 @@ def test_a_load_is_identified_from_pick_up_on_and_guided_motion_is_no_contact() 
     assert held.law.output["deviation"][0] < 0.7  # most of it is what the sensor may be off
 
 
+@pytest.mark.slow
 def test_the_centre_of_mass_is_given_in_the_flanges_frame() -> None:
     held = Held(noise=False)
     held.lift()
@@ -210,6 +211,7 @@ def test_a_load_heavier_than_the_arm_may_carry_is_contact() -> None:
     assert held.law.watch.estimate.mass <= 3.0
 
 
+@pytest.mark.slow
 def test_a_dropped_load_is_gone_within_50_ms_and_is_no_contact() -> None:
     held = Held()
     held.lift()
@@ -223,6 +225,7 @@ def test_a_dropped_load_is_gone_within_50_ms_and_is_no_contact() -> None:
     np.testing.assert_allclose(held.seen[:3], 0.0, atol=5.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left", [0.7, 0.4])
 def test_a_part_of_the_load_falls_and_the_rest_is_found_once_the_tool_is_raised(left: float) -> None:
     """What seems to bear it from below can't be a table."""
@@ -242,6 +245,7 @@ def test_a_part_of_the_load_falls_and_the_rest_is_found_once_the_tool_is_raised(
     assert until(held) < 0.05
 
 
+@pytest.mark.slow
 def test_a_load_may_be_put_down_and_taken_up_again() -> None:
     held = Held()
     held.lift()
@@ -270,6 +274,7 @@ def test_pressing_down_beyond_the_loads_weight_stops() -> None:
     assert until(held) < 0.05
 
 
+@pytest.mark.slow
 def test_a_load_that_comes_on_something_fast_hits_it_and_isnt_put_down() -> None:
     stopped = []
     for speed in (0.05, 0.25):
@@ -326,6 +331,7 @@ def test_contact_that_has_grown_since_the_reset_stops_all_the_same() -> None:
     assert until(held) < 0.05
 
 
+@pytest.mark.slow
 def test_the_sensors_bias_before_pick_up_is_no_load() -> None:
     held = Held()
     held.outside[:] = 4.0, -3.0, -5.0, 0.3, 0.0, 0.2

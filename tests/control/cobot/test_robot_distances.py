@@ -183,6 +183,7 @@ def test_an_obstacle_is_approached_and_not_touched() -> None:
     assert way[-1, 0] < x - 0.1  # it came as near as it may
 
 
+@pytest.mark.slow
 def test_a_gap_that_is_too_small_from_the_start_opens_slowly() -> None:
     """The wall is where the hand is, as after odometry has drifted. Before, the tool leapt away at 1 m/s by itself."""
     x, y, z = START

@@ -120,6 +120,7 @@ def test_what_a_lower_priority_gives_away_is_bounded(seed: int, priority: float)
     assert np.sum(Q * (A @ x) ** 2) - least <= bound + 1e-6 * (1 + least)
 
 
+@pytest.mark.slow
 def test_moving_limits_move_the_point_gradually() -> None:
     """Limits that come in: in steps of a quarter the point moves by a quarter, too; a jump would stay as it is."""
     for seed in range(4):
@@ -194,6 +195,7 @@ def test_greedy_accelerations_keep_all_limits(seed: int, dt: float, approach: fl
         assert (q >= robot.q_lower).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(seeds, st.sampled_from([0.002, 0.008, 0.02]), st.booleans())
 def test_greedy_velocities_keep_all_limits(seed: int, dt: float, panda: bool) -> None:

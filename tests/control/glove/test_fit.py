@@ -34,6 +34,7 @@ def characteristics(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
     return low + np.maximum(-spans, 0.0), angles / spans
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(characteristics())
 def test_what_an_exact_hand_gives_is_found_exactly_and_taken(hidden: tuple[np.ndarray, np.ndarray]) -> None:

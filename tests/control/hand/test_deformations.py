@@ -60,6 +60,7 @@ def carried(points: Array, psi: Psi, axis: Array, turn: bool) -> float:
     return float(np.linalg.norm(p_a - true))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pair", "none", "minimum", "shifted"),
     [([0, 1], 13.5, 21.4, 8.6), ([2, 3], 15.4, 14.2, 11.0), ([1, 4], 14.6, 9.7, 10.0)],

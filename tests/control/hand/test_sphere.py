@@ -38,6 +38,7 @@ def check(points: Array, tolerance: float = 1e-9) -> None:
     assert r == pytest.approx(brute_force(points), rel=tolerance, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_many_random_sets() -> None:
     rng = np.random.default_rng(1)
     for _ in range(1200):

@@ -133,6 +133,7 @@ def test_degenerate_points_stay_finite_and_bounded(deformation: Deformation, psi
             assert np.abs(result - ROBOT).max() < 0.5 + 20.0 * size
 
 
+@pytest.mark.slow
 def test_noise_gain_is_what_noise_does() -> None:
     rng = np.random.default_rng(7)
     for chosen in ([0, 1, 2, 3, 4], [2, 3, 4]):

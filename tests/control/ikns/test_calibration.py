@@ -186,6 +186,7 @@ def test_a_dof_that_moves_in_the_trials_of_another_is_refused() -> None:
     assert all("of its range in the trial of DoF 1" in str(reason) for reason in said)
 
 
+@pytest.mark.slow
 def test_a_file_in_other_units_is_refused() -> None:
     c = found(0.5)
     for change, words in (
@@ -337,6 +338,7 @@ def test_a_hand_that_isnt_still_is_refused() -> None:
         calibrate(replace(good, hand=good.hand + good.times[:, None] * [0.06, 0.0, 0.0]), FEW)
 
 
+@pytest.mark.slow
 def test_dofs_that_are_one_motion_are_refused() -> None:
     twice = recorded(arm(), [[q, q[::-1]] for [q] in trials(0.25)])
     assert refused(twice).count("degrees apart from the other DoFs' motions") == 20

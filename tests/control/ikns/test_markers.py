@@ -195,6 +195,7 @@ def test_what_a_marker_is_needed_for() -> None:
     assert fit.observed(fit.names).all()
 
 
+@pytest.mark.slow
 def test_markers_that_come_and_go_make_no_steps() -> None:
     body = ARM
     q = reaching(body, 400)

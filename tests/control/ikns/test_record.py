@@ -98,6 +98,7 @@ def test_a_number_that_was_changed_by_hand_is_refused(made: tuple[Path, Record],
         read(path)
 
 
+@pytest.mark.slow
 def test_a_file_that_isnt_there_or_isnt_json(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="it can't be read: No such file"):
         read(tmp_path / "none.json")

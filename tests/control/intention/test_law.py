@@ -35,6 +35,7 @@ from srl.testing import check_controller
 PEOPLE = (1, 2, 3, 4, 5, 6)
 
 
+@pytest.mark.slow
 def test_it_finds_the_actions_of_another_session() -> None:
     """The suit sits otherwise, the actions come in another order, and none is quite as it was."""
     rows = []
@@ -156,6 +157,7 @@ def test_a_reset_forgets_the_window() -> None:
     assert not law.output["confidence"].any()
 
 
+@pytest.mark.slow
 def test_a_longer_dwell_is_later_and_an_unreachable_confidence_finds_nothing() -> None:
     made = session(1, seed=7)
     first = {}

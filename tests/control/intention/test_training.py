@@ -47,6 +47,7 @@ def test_labels_that_say_nothing_are_recognised_by_chance() -> None:
     assert {r.place for r in refusals(made, held, FEW)}
 
 
+@pytest.mark.slow
 def test_confidence_is_as_sure_as_it_is_right() -> None:
     made = of_people(PEOPLE)[0]
     stranger = session(11)

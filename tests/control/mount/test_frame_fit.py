@@ -132,6 +132,7 @@ def test_the_closed_form_is_that_of_park_and_martin(seed: int) -> None:
     np.testing.assert_allclose(Y[:3, 3], tY, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["points", "poses"])
 def test_the_stated_uncertainty_is_that_of_many_repetitions(what: str) -> None:
     errors, stated = [], []
@@ -235,6 +236,7 @@ def test_too_few_like_each_other_or_unseen_are_refused() -> None:
         of_points(np.where(seen == seen[0, 0], np.nan, seen), own)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "turn"), [(1e-3, 1e-5), (1e-4, 5e-3)], ids=["places", "rotations"])
 def test_the_stated_deviation_holds_whichever_error_is_the_larger(place: float, turn: float) -> None:
     random = np.random.default_rng(4)

@@ -52,6 +52,7 @@ def test_what_the_hand_has_shown_is_repeated_where_it_was_shifted() -> None:
     assert found["error_max_mm"] < 12.0
 
 
+@pytest.mark.slow
 def test_commands_keep_speed_and_acceleration_from_cycle_to_cycle() -> None:
     made = taught()
     q = [made.output["q"].copy(), made.output["q"].copy()]
@@ -84,6 +85,7 @@ def test_press_pauses_and_the_next_resumes_at_the_same_phase() -> None:
     until(made, Mode.DONE)
 
 
+@pytest.mark.slow
 def test_repeats_are_counted_and_a_press_after_the_end_begins_again() -> None:
     made = taught(repeats=2)
     press(made)
@@ -187,6 +189,7 @@ def test_teaching_pauses_the_task_and_a_press_meanwhile_starts_nothing() -> None
     assert (made.output["q_velocity"] == 0.0).all()
 
 
+@pytest.mark.slow
 def test_arm_that_is_held_makes_the_task_wait() -> None:
     made = taught()
     press(made)
@@ -204,6 +207,7 @@ def test_arm_that_is_held_makes_the_task_wait() -> None:
     until(made, Mode.DONE)
 
 
+@pytest.mark.slow
 def test_file_gives_the_task(tmp_path) -> None:
     first = taught()
     points = (first._replay.path.points - SHIFT).tolist()

@@ -220,6 +220,7 @@ def test_a_tilt_beyond_belief_for_long_counts_as_not_measured():
     assert made.output["active"][0] == 1.0
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.tuples(turns, turns, share), min_size=2, max_size=6))
 def test_outputs_are_finite_and_within_the_limits_whatever_comes(inputs):

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from helpers.strap import ARM, AXES, HOME, LOWER, UNIT, UPPER, q_of, share, small, turns, wxyz
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -112,6 +113,7 @@ def test_joints_at_their_limits_leave_the_rest_to_the_others():
     assert none.error > 0.02
 
 
+@pytest.mark.slow
 def test_no_held_joint_would_rather_move_back():
     """Against an independent solver of bounded least squares, near the limits of the arm."""
     rng, held = np.random.default_rng(4), 0

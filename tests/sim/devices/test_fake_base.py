@@ -52,6 +52,7 @@ def test_it_has_the_drivers_signals_and_limits() -> None:
     assert fake.limits[COMMAND].velocity == pytest.approx(real.limits[COMMAND].velocity)
 
 
+@pytest.mark.slow
 def test_it_goes_where_it_is_told_and_odometry_slips() -> None:
     drive = Drive(noise=0.0)
     drive.command[:] = 0.5, 0.0, 0.0

@@ -86,6 +86,7 @@ def test_a_first_command_elsewhere_gets_no_torque():
     assert fake.motors.torque.tolist() == [0.0, 1.0]
 
 
+@pytest.mark.slow
 def test_limp_falls_and_hold_holds():
     fake = make(hanging(), SIDEWAYS)
     run(fake, 3)

@@ -93,6 +93,7 @@ def test_without_displacements_bones_are_those_the_profile_tells_not_the_persons
     np.testing.assert_allclose(translation[0], 1.2 * default[0], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_every_joint_is_as_noisy_as_it_says_and_no_bone_is() -> None:
     fake = suit(noise=0.01, rate=100.0, delay=0.0)
     fake.open()

@@ -70,6 +70,7 @@ def active(lab: Lab) -> None:
     assert lab.state == "active", (lab.cause, lab.events)
 
 
+@pytest.mark.slow
 def test_it_follows_what_the_guard_lets_through(begin: Begin) -> None:
     lab = begin()
     active(lab)

@@ -89,6 +89,7 @@ class Pair:
         return self.twin.robot.controller.mode
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
 def test_a_torque_loop_runs_without_a_packet_lost(robot: str) -> None:
     with Pair(robot) as pair:
@@ -108,6 +109,7 @@ def test_a_torque_loop_runs_without_a_packet_lost(robot: str) -> None:
         assert (pair.twin.robot.controller.reception.total, pair.driver.health.errors) == (0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "interface"), [("panda", "velocity"), ("fr3", "velocity"), ("fr3", "position")])
 def test_joint_motions_are_followed(robot: str, interface: str) -> None:
     with Pair(robot, interface) as pair:
@@ -142,6 +144,7 @@ def test_a_reflex_is_a_fault_and_recovery_an_act_of_its_own() -> None:
         assert (pair.fault, pair.twin.robot.controller.reflexes) == ("", 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
 def test_a_stalled_loop_loses_its_motion_and_goes_on_after_recovery(robot: str) -> None:
     with Pair(robot, patience=0.02) as pair:

@@ -169,6 +169,7 @@ def test_a_lost_frame_leaves_a_gap_in_the_numbers() -> None:
         assert (np.diff(numbers) > 1).any()
 
 
+@pytest.mark.slow
 def test_a_client_that_doesnt_read_delays_nobody() -> None:
     with listening(made({"script": "t-pose"}, options={"others": 7})) as (bench, _lazy):
         eager = Listener(bench)

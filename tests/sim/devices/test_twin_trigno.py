@@ -151,6 +151,7 @@ def test_a_sensor_out_of_reach_makes_the_device_stale() -> None:
     pair.close()
 
 
+@pytest.mark.slow
 def test_samples_that_waited_aren_t_fresh_and_after_lost_ones_it_is_connected_anew(pair: Pair) -> None:
     pair.cycles(20)
     stamp = pair.driver.health.stamp

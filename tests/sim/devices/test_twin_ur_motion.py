@@ -181,6 +181,7 @@ def test_programs_can_stop_the_arm_protectively(bench):
     assert speed(bench.twin.arm) < 5e-3
 
 
+@pytest.mark.slow
 def test_force_mode_presses_with_its_force_and_keeps_the_other_directions():
     with Bench(UrTwin(make_fake(parts=TABLE))) as bench:
         controller = bench.twin.controller

@@ -226,6 +226,7 @@ def test_a_nose_that_is_off_meets_the_chamfer_where_geometry_says(off, chamfer):
     assert low == pytest.approx(0.02 + r - h, abs=1.5e-4)
 
 
+@pytest.mark.slow
 def test_a_person_puts_the_peg_in_and_draws_it_out():
     parts: Any = {
         "hole": (HolePart, {"at": {"position": [0, 0, 1]}, "peg": "peg/tip"}),
@@ -240,6 +241,7 @@ def test_a_person_puts_the_peg_in_and_draws_it_out():
     assert world.truth_arrays["person_progress"][1] == 0
 
 
+@pytest.mark.slow
 def test_an_insertion_pushes_no_harder_than_told():
     parts: Any = {
         "hole": (HolePart, {"at": {"position": [0.03, 0, 1]}, "peg": "peg/tip"}),  # beside the hole

@@ -65,6 +65,7 @@ def test_nobody_turns_a_thing_twice_alike_and_rest_holds_it() -> None:
         world.wearer.instruct(Walk())
 
 
+@pytest.mark.slow
 def test_a_restored_world_goes_on_bit_for_bit() -> None:
     world, hands = made()
     hands.instruct(Turn((1.0, 0.0, 0.0)))

@@ -30,6 +30,7 @@ def carried() -> Any:
     return cell(parts, floor=True)
 
 
+@pytest.mark.slow
 def test_a_load_is_picked_up_carried_and_put_down():
     world = carried()
     hand = world.parts["hand"]

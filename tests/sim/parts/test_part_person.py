@@ -143,6 +143,7 @@ def test_the_speed_of_a_real_reach_looks_like_the_intended_one():
     assert seen["person_tool"][:, 0].max() < 0.405
 
 
+@pytest.mark.slow
 def test_a_robot_is_guided_to_goals_within_human_forces():
     world = guided([go_to(0.4, 0.1, 0.2), hold(3.0), go_to(0.0, 0.0, 0.0), hold(2.0)])
     seen = run(world, 40, until=finished)
@@ -179,6 +180,7 @@ def test_arms_of_the_literature_come_to_rest(stiffness, damping):
         assert seen[:, 0].max() < 0.2 + 0.02
 
 
+@pytest.mark.slow
 def test_a_known_tool_beside_the_hand_is_moved_and_turned_as_meant():
     """Of the known inertia and drag nothing is left to sight, whether the hand holds the tool's middle or not."""
     steps = [go_to(0.3, 0.1, 0.0, quaternion=[0.966, 0.0, 0.0, 0.259], speed=0.1), hold(2.0)]
@@ -215,6 +217,7 @@ def test_a_stiffening_arm_gives_more():
     assert world.truth_arrays["person_wrench"][0] == pytest.approx(10 / (1 - 5 * 0.05), rel=0.01)  # F = (K + 5 F) x
 
 
+@pytest.mark.slow
 def test_strength_is_a_limit_whatever_is_lacking():
     world = guided([go_to(2.0, 0.0, 0.0)], trolley={"damping": 1e7}, strength=60.0)
     seen = run(world, 20)

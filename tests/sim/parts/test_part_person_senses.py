@@ -46,6 +46,7 @@ def test_sight_is_late_by_its_delay():
     assert long - short == pytest.approx(0.3, abs=0.012)
 
 
+@pytest.mark.slow
 def test_tremor_has_its_band_and_size():
     options = quiet() | {"tremor": 0.0002}
     world = alone([hold(100.0)], 0.0, stiffness=20.0, damping=1.0, correction=(0.0, 0.0), **options)
@@ -58,6 +59,7 @@ def test_tremor_has_its_band_and_size():
     assert power[band].sum() > 0.9 * power[frequency > 2].sum()
 
 
+@pytest.mark.slow
 def test_noise_grows_with_the_force():
     spread = []
     for tool in (2.0, 4.0):

@@ -36,6 +36,7 @@ def settled(world: Cell, seconds: float = 4.0) -> tuple[np.ndarray, np.ndarray]:
     return world.truth_arrays["strap_shift"].copy(), world.truth_arrays["strap_tilt"].copy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmness", ["soft", "medium", "hard"])
 def test_a_weight_makes_it_give_way_by_its_stiffness(firmness):
     world = cell(firmness=firmness)
@@ -50,6 +51,7 @@ def test_a_weight_makes_it_give_way_by_its_stiffness(firmness):
     assert abs(tilt[0]) < 0.02 * tilt[1]
 
 
+@pytest.mark.slow
 def test_own_stiffnesses_replace_those_of_the_firmness():
     stiff = settled(cell(firmness="soft", rotation=3000.0, translation=1e5))
     assert np.linalg.norm(stiff[0]) < 3e-4
@@ -79,6 +81,7 @@ def test_a_load_that_lets_go_swings_and_comes_to_rest():
     assert seen[-1] == pytest.approx(rest[1], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_where_a_rigid_one_would_be_goes_with_the_body_that_wears_it():
     parts = {
         "wearer": {"part": "body", "script": "walk"},
@@ -98,6 +101,7 @@ def test_where_a_rigid_one_would_be_goes_with_the_body_that_wears_it():
     assert ((turn * Rotation.from_rotvec(tilt)).inv() * Rotation.from_quat([x, y, z, w])).magnitude() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_sensor_on_it_turns_with_it_and_feels_what_holds_it():
     world = cell()
     tilt = settled(world)[1]
@@ -121,6 +125,7 @@ def test_a_saved_world_goes_on_bit_for_bit():
     np.testing.assert_array_equal(np.concatenate([*first[0], first[1]]), np.concatenate([*second[0], second[1]]))
 
 
+@pytest.mark.slow
 def test_a_strap_that_slips_rests_elsewhere_by_what_is_said():
     slip = {"at": 1.0, "lasts": 0.3, "shift": [0.0, 0.01, -0.05], "tilt": [0.0, 0.2, 0.1]}
     world = cell(load=0.01, lever=0.0, slip=slip, rotation=500.0, translation=1e4)

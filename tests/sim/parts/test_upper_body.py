@@ -47,6 +47,7 @@ def test_a_steady_wearer_moves_each_dof_and_nothing_else() -> None:
         assert np.delete(moved, i).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_the_elbow_goes_where_it_is_told_and_the_hand_stays_or_is_carried() -> None:
     world, part = cell(**STEADY)
     part.wearer.instruct(Hold(POINT, swivel=1.0))
@@ -110,6 +111,7 @@ def test_a_real_wearer_wanders_and_leaks_but_stays() -> None:
     print(f"simulated: still {1e3 * still.mean():.1f} mm, swinging {1e3 * leak.mean():.1f}, max {1e3 * leak.max():.1f}")
 
 
+@pytest.mark.slow
 def test_exploration_covers_the_workspace_with_the_trunk_still() -> None:
     world, part = cell()
     part.wearer.instruct(Explore(10.0))
@@ -224,6 +226,7 @@ def test_the_hand_is_turned_as_it_is_told() -> None:
     assert abs(hand[3:] @ turn) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_trunk_that_sways_takes_the_arm_along() -> None:
     world, part = cell(sway=0.05, **STEADY)
     part.wearer.instruct(Hold(POINT))

@@ -81,6 +81,7 @@ def test_feet_stay_on_the_floor(action: Action) -> None:
         assert np.abs(places(who, t)[[at("LeftFoot"), at("RightFoot")], 1] - before).max() < 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 3])
 def test_it_never_jumps_whenever_it_is_told_something_else(number: int) -> None:
     who, rng, t = person(number), np.random.default_rng(number), 0.0
