@@ -100,7 +100,7 @@ class VirtualObject:
         self._Bt = np.ascontiguousarray(self._B.transpose(0, 2, 1))
         self._flat = self._B.reshape(-1, 9)
         self._psi = psi
-        self._limit2 = gain_limit**2
+        self._limit2 = gain_limit * gain_limit  # of a number too large for its square: infinity, which is none
         self.share = 1.0 / max(self._limit2, 1e-300)
         self._rotations = 0 if deformation is Deformation.SCALING else 3  # come first among the parameters
         self._scales = deformation is Deformation.ISOTROPIC

@@ -152,6 +152,8 @@ def test_damping_tames_the_partial_mapping_and_leaves_the_whole_hand() -> None:
         damped, undamped = ISOTROPIC.noise_gain(tips[2:], ROBOT)
         assert damped < 4.5
         assert damped <= undamped
+        for none in (np.inf, 1e200):  # whose square is no number
+            assert VirtualObject(Deformation.ISOTROPIC, Psi.NONE, none).noise_gain(tips[2:], ROBOT)[0] == undamped
 
 
 def test_a_nearly_straight_set_is_damped_continuously() -> None:
