@@ -13,6 +13,7 @@ import select
 import socket
 from typing import TextIO
 
+from runtime.cli.printable import printable
 from runtime.ipc.events import Level
 
 JOURNAL = "/run/systemd/journal/socket"
@@ -45,7 +46,8 @@ class Console:
             )
 
     def say(self, text: str, level: Level = Level.WARNING) -> None:
-        """Writes a message as a line of its own."""
+        """Writes a message as a line of its own, or as its lines. A terminal obeys nothing in it."""
+        text = "\n".join(map(printable, text.split("\n")))
         if self._journal is not None and self._enter(text, level):
             return
         self.write(f"srl: {_WORDS[level]}{text}\n")

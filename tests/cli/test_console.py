@@ -22,7 +22,10 @@ def test_a_remark_is_a_line(capfd: pytest.CaptureFixture[str]) -> None:
         console = Console(stream)
         console.say("the glove is back", Level.INFO)
         console.say("odd \ud800 text", Level.WARNING)
-    assert capfd.readouterr().err == "srl: the glove is back\nsrl: warning: odd ? text\n"
+        console.say("'\x1b[2J.rrd' is deleted\nand so on", Level.INFO)
+    assert capfd.readouterr().err == (
+        "srl: the glove is back\nsrl: warning: odd \\ud800 text\nsrl: '\\x1b[2J.rrd' is deleted\nand so on\n"
+    )
 
 
 def test_a_terminal_stopped_with_ctrl_s_blocks_nobody() -> None:
