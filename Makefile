@@ -67,7 +67,7 @@ docs: setup
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/docs
 	@echo "site: $(OUT)/docs/index.html"
 
-# All take a quarter of an hour, the quick set three minutes. One that fails is reported, and the rest go on.
+# All take some 17 minutes on a shared two-core machine, the quick set three. One that fails is reported, and the rest go on.
 bench: setup
 	$(BIN)/python -m bench
 
