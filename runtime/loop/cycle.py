@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from math import isfinite
 
 import numpy as np
 
@@ -28,9 +27,6 @@ from runtime.ipc.words import (
     FLAG_REJECTED,
     FLAG_RESEATED,
     LINK_ACTIVE,
-    LINK_CONNECTED,
-    LINK_ERROR,
-    LINK_FAULT,
     LINK_STALE,
     Cause,
     Latch,
@@ -39,11 +35,11 @@ from runtime.ipc.words import (
 )
 from runtime.loop.backends import Backends
 from runtime.loop.departures import Departures
+from runtime.loop.fault_finder import FaultFinder
 from runtime.loop.guards import make_guards
 from runtime.loop.lookout import Lookout
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.loop.reset_inputs import ResetInputs
-from runtime.loop.sights import Sights
 from runtime.profile.graph import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
@@ -52,7 +48,6 @@ _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
 _LATCHES, _REFUSED = CYCLE.latches, CYCLE.refused
 _REQUEST = slice(CYCLE.request, CYCLE.request_origin + 1)
-_ILL = LINK_CONNECTED | LINK_ERROR | LINK_FAULT | LINK_STALE  # of a device that is well only the first is set
 _STOPS = (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT)
 
 
@@ -91,12 +86,10 @@ class Cycle:
         self.guards = make_guards(graph, limits)
         self._backends = Backends(graph, self.guards, backend)
         self._ints = graph.row.ints
-        self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
+        self._links = graph.row.devices[:, DEVICE.link]
+        self._faults = FaultFinder(graph, self._lost, self.machine.watch)
         self._departures = Departures(graph, self.guards, report)
         self._lookouts = [Lookout(graph, a, report) for a in graph.actuators]
-        self._max_age = self._ages()
-        self._sights = Sights(graph.sights)
-        self._count = len(graph.devices)
         self._laws = [
             (law.controller, compiled or law.controller, law.reads, law.measured, law.writes)
             for law, compiled in zip(graph.laws, self._backends.laws, strict=True)
@@ -108,7 +101,6 @@ class Cycle:
         ]
         self._weighs = True  # none of them has failed since the last reset
         self._followed = [graph.followed(law) for law in graph.laws]
-        self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
         self._homed = [True for a in graph.actuators]
@@ -121,19 +113,6 @@ class Cycle:
         self._fault: Fault | None = None
         self.struck = False  # a fault began in this cycle: what asks for motion came before it
         self._was = State.STARTING
-
-    def _device_of(self, signal: str) -> int:
-        """Index of the device that gives a signal; -1 for a controller's signal."""
-        name = signal.partition(".")[0]
-        return self.graph.layout.devices.index(name) if name in self.graph.layout.devices else -1
-
-    def _ages(self) -> list[int]:
-        """Each device's max_age in ns; 0 for a device that gives nothing that could be stale."""
-        ages = [round(d.max_age * 1e9) for d in self.graph.devices]
-        for owner in self.graph.layout.devices[len(ages) :]:
-            entries = self.graph.profile.setpoints.items()
-            ages.append(round(min(e.max_age for n, e in entries if n.startswith(f"{owner}.")) * 1e9))
-        return ages
 
     def check(self, missed: int, request: Request | None = None, answer: Answer = Answer.NONE) -> Answer:
         """Looks for faults, then applies them and the request to the state.
@@ -148,7 +127,7 @@ class Cycle:
         """
         ints, machine = self._ints, self.machine
         now = int(ints[_NOW])
-        before, self._fault = self._fault, self._find_fault(now)
+        before, self._fault = self._fault, self._faults.find(now)
         self.struck = self._fault is not None and self._fault != before
         machine.recover = False
         degraded, too_many = self.ladder.count(now, missed)
@@ -171,7 +150,7 @@ class Cycle:
                 answer = self._refused(request.kind)
             if answer is Answer.NONE and request.kind in STATE_REQUESTS:
                 # A client that no longer sends must not prevent a restart of the limb without it.
-                present = None if self._client_is_silent() else self._fault
+                present = None if self._faults.of_client(self._fault) else self._fault
                 answer = machine.request(request.kind, request.origin, request.target, present)
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
@@ -198,60 +177,12 @@ class Cycle:
                     return Answer.REFUSED_UNMEASURED
         return Answer.NONE
 
-    def _find_fault(self, now: int) -> Fault | None:
-        stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: each costs a tenth of a numpy one
-        fault: Fault | None = None
-        trouble = False  # in what the stop depends on
-        blind = self._sights.lost(now)
-        for i, max_age in enumerate(self._max_age):
-            stamp, link = stamps[i], links[i]
-            client = i >= self._count
-            # A client that has not sent anything yet is not stale. A device without a sample is.
-            stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
-            stale |= i in blind
-            if not stale and link & _ILL == LINK_CONNECTED:
-                continue  # the usual: nothing to find
-            if stale != bool(link & LINK_STALE):
-                link ^= LINK_STALE
-                self._links[i] = link
-            if link & LINK_ACTIVE and (not link & LINK_CONNECTED or link & LINK_FAULT):
-                self._lost(i)
-            if not client and self.graph.devices[i].commands:
-                trouble |= stale or not link & LINK_CONNECTED or bool(link & (LINK_ERROR | LINK_FAULT))
-            if fault is not None:
-                continue
-            if link & LINK_ERROR:
-                fault = Fault(Cause.DRIVER_ERROR, i)
-            elif stale or not link & LINK_CONNECTED:
-                if self.graph.intent[i]:
-                    fault = Fault(Cause.INTENT_LOSS, i)
-                elif not client and self.graph.devices[i].commands:
-                    fault = Fault(Cause.DEVICE_LOSS, i)
-            elif link & LINK_FAULT:
-                fault = Fault(Cause.DEVICE_FAULT, i)
-        for i, (element, when, device) in enumerate(self._emergency):
-            if element[0] == when or not isfinite(element[0]):
-                return Fault(Cause.EMERGENCY, i)
-            link = self._links.item(device) if device >= 0 else LINK_CONNECTED
-            if not link & LINK_CONNECTED or link & LINK_STALE:
-                trouble = True
-                if fault is None or self._of_client(fault):  # a client's silence doesn't hinder a reset, this does
-                    fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
-        self.machine.watch(trouble)
-        return fault
-
     def _lost(self, device: int) -> None:
         """Deactivates a lost or faulty device: even after its return or recovery, no command before the next start."""
         self._links[device] &= ~LINK_ACTIVE
         for i, actuator in enumerate(self.graph.actuators):
             if actuator.device == device and actuator.command.feedback is None:
                 self._homed[i] = False
-
-    def _client_is_silent(self) -> bool:
-        return self._fault is not None and self._of_client(self._fault)
-
-    def _of_client(self, fault: Fault) -> bool:
-        return fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
 
     def control(self) -> None:
         """Lets the guards see what was sent, then runs the controllers while the limb is active.

@@ -140,13 +140,19 @@ def test_what_it_does_not_do_is_named() -> None:
         Side(Kind.VELOCITY, 17, {"velocity": 1.0, "acceleration": 5.0}, False, False, True)
 
 
-@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD])
-def test_a_stop_in_c_knows_nothing_of_the_stop_before(category: Stop) -> None:
-    """The homing before a motion is a stop, too: at rest, and as long as the slowest limb takes."""
-    given = {"velocity": 2.0, "effort": 10.0, "effort_rate": 2000.0, "inertia": 2.0}
+def at_rest(inertia: float) -> list[Side]:
+    """A torque guard of one joint, kg m2 at least, in Python and in C; it begins at rest."""
+    given = {"velocity": 2.0, "effort": 10.0, "effort_rate": 2000.0, "inertia": inertia}
     sides = [Side(Kind.TORQUE, 1, given, True, False, fast) for fast in (False, True)]
     for side in sides:
         side.guard.reset(np.zeros(1))
+    return sides
+
+
+@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD])
+def test_a_stop_in_c_knows_nothing_of_the_stop_before(category: Stop) -> None:
+    """The homing before a motion is a stop, too: at rest, and as long as the slowest limb takes."""
+    sides = at_rest(inertia=2.0)
     for cycle in range(1000):
         for side in sides:
             a = side.arrays
@@ -164,10 +170,7 @@ def test_a_stop_in_c_knows_nothing_of_the_stop_before(category: Stop) -> None:
 @pytest.mark.parametrize("force", [0.1, 2.0])
 def test_a_torque_that_is_no_number_is_held_as_in_python(force: float) -> None:
     """C is tried now and then meanwhile. That must not let go of what Python holds: the limb would creep."""
-    given = {"velocity": 2.0, "effort": 10.0, "effort_rate": 2000.0, "inertia": 0.5}
-    sides = [Side(Kind.TORQUE, 1, given, True, False, fast) for fast in (False, True)]
-    for side in sides:
-        side.guard.reset(np.zeros(1))
+    sides = at_rest(inertia=0.5)
     for cycle in range(2500):
         for side in sides:
             a = side.arrays

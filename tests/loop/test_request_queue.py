@@ -18,7 +18,7 @@ import pytest
 from helpers.toy import PERIOD, wired
 from helpers.wait import until
 
-from runtime.ipc.control_socket import LIFETIME, send_note, send_request
+from runtime.ipc.control_socket import LIFETIME, NOTES, send_note, send_request
 from runtime.ipc.requests import Answer, RequestKind, RequestWriter
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause, Latch, Origin, State
@@ -109,6 +109,15 @@ def test_a_note_is_for_an_event_and_a_flood_of_them_is_none(desk: Desk) -> None:
         desk.take()
         noted += len(desk.queue.notes)
     assert noted < 10
+
+
+def test_the_loop_takes_as_many_notes_at_once_as_the_recorder_sends(desk: Desk) -> None:
+    noted: list[str] = []
+    for i in range(NOTES):
+        assert send_note(desk.folder, str(i))
+        desk.take()
+        noted += desk.queue.notes
+    assert noted == [str(i) for i in range(NOTES)]
 
 
 def test_no_loop_no_note(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_what_a_button_gave_before_its_device_was_lost_is_no_release_after_it(
     """The device is back before its last sample is old, and the first one after it finds the button held."""
     monkeypatch.setattr(device_module, "RETRY", 0.01)
     b = Bench(tmp_path, emergency="", more=RESET)
-    b.cycle._max_age = [10_000_000_000] * 3
+    b.cycle._faults._max_age = [10_000_000_000] * 3
 
     def script(k: int) -> None:
         if k == 50:

@@ -21,6 +21,7 @@ from runtime.guard.position import PositionGuard
 from runtime.ipc.requests import Request, RequestKind
 from runtime.ipc.words import Origin, State
 from runtime.loop.cycle import Cycle
+from runtime.loop.fault_finder import FaultFinder
 from runtime.testing.faults import FAULTS
 from studies.faults import live_run, process_trial, study, wire_trial
 from studies.faults.device_faults import JUMPS, KINDS, LATE
@@ -64,7 +65,7 @@ def test_a_jogged_arm_that_falls_silent_doesnt_go_on_when_it_heals() -> None:
 
 def blind(patch: pytest.MonkeyPatch) -> None:
     """Nobody looks for faults."""
-    patch.setattr(Cycle, "_find_fault", lambda self, now: None)
+    patch.setattr(FaultFinder, "find", lambda self, now: None)
 
 
 def without_guard(patch: pytest.MonkeyPatch) -> None:
@@ -91,8 +92,8 @@ def by_itself(patch: pytest.MonkeyPatch) -> None:
 
 def late(patch: pytest.MonkeyPatch) -> None:
     """Samples may be three times as old."""
-    ages = Cycle._ages
-    patch.setattr(Cycle, "_ages", lambda self: [3 * age for age in ages(self)])
+    ages = FaultFinder._ages
+    patch.setattr(FaultFinder, "_ages", lambda self: [3 * age for age in ages(self)])
 
 
 @pytest.mark.parametrize(
