@@ -150,8 +150,10 @@ class Soak:
     summary: dict[str, Any] = field(default_factory=dict)
 
 
-def soak(name: str, sim: bool, minutes: float, rate: float | None, overrides: list[str], say: IO[str]) -> Soak:
-    """Runs it. Raises HostError: the twins didn't begin."""
+def soak(
+    name: str, sim: bool, minutes: float, rate: float | None, looks: float, overrides: list[str], say: IO[str]
+) -> Soak:
+    """Runs it; `looks`: Hz, how often the twins look at their ports. Raises HostError: the twins didn't begin."""
     made = Soak()
     if name == PROFILE:
         laps = [{"do": "press", "button": "A"}, *(LAP * round(60 * minutes / LAP_TIME + 1))]
@@ -166,7 +168,7 @@ def soak(name: str, sim: bool, minutes: float, rate: float | None, overrides: li
         if sim:
             arguments = ["run", name, "--sim", *_set(overrides)]
         else:
-            command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--json"]
+            command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--rate", f"{looks:g}", "--json"]
             watched["twins"] = stack.enter_context(_begun(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
         own = ["faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
@@ -300,12 +302,13 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=60.0, help="how long (%(default)g)")
     parser.add_argument("--warm-up", type=float, default=60.0, metavar="S", help="that don't count (%(default)g)")
     parser.add_argument("--rate", type=float, help="Hz, by the computer's clock; default: the profile's own")
+    parser.add_argument("--looks", type=float, default=1000.0, metavar="HZ", help="of the twins at their ports (1000)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for srl run")
     parser.add_argument("--sim", action="store_true", help="fakes in the loop's process in place of twins")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
     try:
-        made = soak(args.profile, args.sim, args.minutes, args.rate, args.set, sys.stderr)
+        made = soak(args.profile, args.sim, args.minutes, args.rate, args.looks, args.set, sys.stderr)
         lines, text = table(made, args.warm_up)
     except SrlError as error:
         print(f"\nbench.soak: {error}", file=sys.stderr)

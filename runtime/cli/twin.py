@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import select
@@ -24,7 +25,7 @@ from runtime.loop.clock import MonotonicClock
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
-RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins check their links
+RATE = 1000.0  # Hz, how often the world is stepped and the twins look at their ports
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
 LATE = 50_000_000  # ns behind its time, from which a client may take a device for silent
 LAST_WORDS = 50_000_000  # ns, how long the twins still hear what was sent before the end
@@ -39,6 +40,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds; default: at Ctrl-C")
     parser.add_argument("--speed", type=float, default=1.0, help="seconds of the world in a second; default 1")
+    parser.add_argument("--rate", type=float, default=RATE, metavar="HZ", help="of looks at the ports; default 1000")
     parser.add_argument("--link", type=Path, metavar="DIR", help="keep a symlink DIR/DEVICE to each port")
     parser.add_argument("--log", type=Path, metavar="FILE.npz", help="save what happened at the end (docs/twins.md)")
     parser.add_argument("--control", action="store_true", help="take faults from standard input (docs/twins.md)")
@@ -68,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
         for twin in twins.values():
             twin.open()
         _announce(args, twins)
+        gc.collect()
+        gc.freeze()  # what stands now stays: to search it for garbage again and again takes 40 ms each time
         late = _Late()
         _serve(graph.world, twins, args, ended, log, late)
         late.sum_up()
@@ -115,7 +119,7 @@ def make_twins(graph: Graph, names: list[str]) -> dict[str, Twin]:
 def _serve(
     world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None, late: _Late
 ) -> None:
-    clock = MonotonicClock(RATE)
+    clock = MonotonicClock(Fraction(args.rate))
     control = _Control(twins, args.json) if args.control else None
     clock.start()
     start = clock.tick.deadline
@@ -312,6 +316,8 @@ def _check_arguments(args: argparse.Namespace) -> None:
         raise RequestError("--duration", f"{args.duration} s is no duration", "Give a number above 0")
     if not 0 < args.speed <= 10:
         raise RequestError("--speed", f"{args.speed:g} isn't above 0 and up to 10", "1 is real time")
+    if not 100 <= args.rate <= 10_000:
+        raise RequestError("--rate", f"{args.rate:g} Hz isn't from 100 to 10000", "1000 suits all devices")
     if args.link is not None and not args.link.is_dir():
         raise RequestError("--link", f"there is no folder {args.link}", "Make it first")
     if args.log is not None and (args.log.suffix != ".npz" or not args.log.absolute().parent.is_dir()):

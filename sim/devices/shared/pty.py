@@ -102,7 +102,8 @@ class PtyDoor:
     def read(self) -> bytes:
         """Bytes that the client has sent, b"" if none; never blocks."""
         chunks = []
-        while self._fd >= 0:
+        # Asked first, as there is mostly nothing: an exception costs more than the question.
+        while self._fd >= 0 and any(event & select.POLLIN for _, event in self._poll.poll(0)):
             try:
                 chunk = os.read(self._fd, CHUNK)
             except OSError:  # EAGAIN: no data; EIO: no client

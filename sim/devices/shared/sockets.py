@@ -36,10 +36,14 @@ class Client:
         self.gone = False
         self.lost = 0
         self._link, self._door = link, door
+        self._arrivals = select.poll()
+        self._arrivals.register(link, select.POLLIN)
         self._kept = b""
 
     def read(self) -> bytes:
         """Bytes that the client has sent, b"" if none; never blocks."""
+        if self.gone or not self._arrivals.poll(0):
+            return b""
         chunks: list[bytes] = []
         for _ in range(CHUNKS):
             try:
@@ -137,7 +141,8 @@ class TcpDoor:
         self.clients: list[Client] = []
         self.connects = self.bytes_in = self.bytes_out = self.lost = 0
         self._listener: socket.socket | None = None
-        self._knocks = select.poll()  # an eighth of the time of an accept in vain, which a twin makes each millisecond
+        # An eighth of the time of an accept in vain, which a twin makes each millisecond; so with what clients send.
+        self._knocks = select.poll()
         self._port = 0
 
     @property
@@ -224,6 +229,7 @@ class UdpDoor:
         self.address = ""
         self.bytes_in = self.bytes_out = self.lost = 0
         self._socket: socket.socket | None = None
+        self._arrivals = select.poll()
         self._port = 0
 
     @property
@@ -253,16 +259,18 @@ class UdpDoor:
                 f"{self.host}:{port or self._port}", f"a twin can't bind it: {error.strerror}", "Choose another port"
             ) from None
         self._socket, self._port = link, link.getsockname()[1]
+        self._arrivals = select.poll()
+        self._arrivals.register(link, select.POLLIN)
         self.address = f"udp://{self.host}:{self._port}"
 
     def read(self) -> list[tuple[bytes, tuple[str, int]]]:
         """Received datagrams and their senders, oldest first; never blocks."""
         found: list[tuple[bytes, tuple[str, int]]] = []
+        if (link := self._socket) is None or not self._arrivals.poll(0):
+            return found
         for _ in range(256):
-            if self._socket is None:
-                break
             try:
-                data, peer = self._socket.recvfrom(CHUNK)
+                data, peer = link.recvfrom(CHUNK)
             except BlockingIOError:
                 break
             except OSError:  # an earlier datagram had no receiver; that doesn't concern the device

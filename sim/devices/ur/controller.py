@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
+from math import hypot
 from typing import Any, Final, Protocol
 
 import numpy as np
+import pinocchio as pin
 
 from drivers.ur.models import REACH
 from drivers.ur.registers import CYCLE
@@ -145,9 +147,9 @@ class UrController:
         target, rate = self.target()
         fast = np.abs(rate) > self._fastest
         # The controller stops by the joints' currents, too, which know of more than the sensor's range.
-        beyond_range = self.arm.flange_wrench()[:3]
-        beyond_range -= np.clip(beyond_range, -_RANGE[:3], _RANGE[:3])
-        force = float(np.linalg.norm(self.wrench[:3] + self.arm.flange()[0] @ beyond_range))
+        felt = self.arm.flange_wrench()[:3]
+        beyond_range = felt - np.minimum(np.maximum(felt, -_RANGE[:3]), _RANGE[:3])
+        force = hypot(*(self.wrench[:3] + self.arm.flange()[0] @ beyond_range).tolist())
         behind = np.abs(target - q) > _FOLLOWING
         beyond = (np.abs(q) > REACH) & (np.sign(q) * rate > 0)  # the way back is free once the stop was ended
         if fast.any():
@@ -306,7 +308,7 @@ class UrController:
 
     def tool(self) -> Array:
         """(6,): pose of the TCP in `base`."""
-        return vector(placement(self.flange()) * self.kinematics.tcp)
+        return vector(pin.SE3(*self.arm.flange()) * self.kinematics.tcp)
 
     def tool_twist(self) -> Array:
         """(6,) m/s, rad/s: velocity of the TCP, axes of `base`."""
@@ -322,13 +324,14 @@ class UrController:
     def _feel(self) -> Array:
         turn, _ = self.arm.flange()
         # The sensor's own range, of what is mounted on the flange with its weight: zeroing doesn't widen it.
-        felt = np.clip(self.arm.flange_wrench(), -_RANGE, _RANGE)
+        felt = np.minimum(np.maximum(self.arm.flange_wrench(), -_RANGE), _RANGE)
         mass, cog = self.payload
         weight = mass * self.arm.down()
         felt = felt - self._zero
         force = turn @ felt[:3] - weight
-        moment = turn @ felt[3:] - _cross(turn @ np.array(cog), weight)
-        return np.concatenate([force, moment - _cross(self._lever(), force)])
+        moment = turn @ felt[3:] - _cross(turn @ cog, weight)
+        moment -= _cross(self._lever(), force)
+        return np.concatenate([force, moment])
 
     def set_payload(self, mass: float, cog: tuple[float, float, float]) -> None:
         """URScript's set_payload: kg, and its centre of mass in the flange's frame, m. Raises ValueError.
@@ -353,9 +356,10 @@ class UrController:
         self.arm.tell_payload(mass, cog)
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """(3,): a x b."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def _cross(first: Array, second: Array) -> Array:
+    """(3,): a x b. Of plain numbers, as numpy's own overhead would be most of the cost."""
+    (a, b, c), (x, y, z) = first.tolist(), second.tolist()
+    return np.array((b * z - c * y, c * x - a * z, a * y - b * x))
 
 
 class _Paused:

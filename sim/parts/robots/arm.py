@@ -123,6 +123,7 @@ class ArmPart(Part):
         self._reference, self._rate = self.home.copy(), np.zeros(n)
         self._scratch = np.zeros(n)
         self._settled_at = self._measured_at = -1.0
+        self._placed: tuple[Array, Array] | None = None  # `flange` at `_settled_at`
         self._measured = np.zeros(2 * n + 6)  # effort, external effort, flange wrench
         self._mounted = 0.0, np.zeros(3)  # kg and N, of what is at the flange
 
@@ -161,6 +162,7 @@ class ArmPart(Part):
         sensor = int(model.sensor(f"{self.name}/force").adr[0])
         self._sensor = data.sensordata[sensor : sensor + 6]
         self._q[:] = self.home
+        self._full = np.zeros((6, model.nv))
         self._timestep = float(model.opt.timestep)
         self._gravity = np.array(model.opt.gravity)
         told = self._config.told_payload
@@ -285,11 +287,15 @@ class ArmPart(Part):
         return matrix
 
     def flange(self) -> tuple[Array, Array]:
-        """Rotation (3, 3) and origin (3,), m, of the flange in the arm's base frame."""
+        """Rotation (3, 3) and origin (3,), m, of the flange in the arm's base frame; not to be written to."""
         self._settle()
-        data, base = self._data, self._data.xmat[self._base].reshape(3, 3)
-        turn = base.T @ data.xmat[self._flange].reshape(3, 3)
-        return turn, base.T @ (data.xpos[self._flange] - data.xpos[self._base])
+        if self._placed is None:
+            data, base = self._data, self._data.xmat[self._base].reshape(3, 3)
+            turn = base.T @ data.xmat[self._flange].reshape(3, 3)
+            self._placed = turn, base.T @ (data.xpos[self._flange] - data.xpos[self._base])
+            for values in self._placed:
+                values.flags.writeable = False
+        return self._placed
 
     def down(self) -> Array:
         """Gravity's acceleration (3,), m/s^2, in the arm's base frame."""
@@ -299,7 +305,7 @@ class ArmPart(Part):
     def jacobian(self) -> Array:
         """(6, n): flange twist v, w in the base frame for joint velocities."""
         self._settle()
-        full = np.zeros((6, self._model.nv))
+        full = self._full
         mujoco.mj_jacBody(self._model, self._data, full[:3], full[3:], self._flange)
         base, own = self._data.xmat[self._base].reshape(3, 3).T, full[:, self._dofs]
         return np.concatenate([base @ own[:3], base @ own[3:]])
@@ -360,7 +366,7 @@ class ArmPart(Part):
             if self.settled[0] != time:
                 mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_comPos(self._model, self._data)
-            self._settled_at = time
+            self._settled_at, self._placed = time, None
 
     def _measure(self) -> Array:
         """(2 n + 6,) effort, external effort, flange wrench; computed once for each instant."""
