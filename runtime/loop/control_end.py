@@ -56,6 +56,10 @@ class ControlEnd:
             content = None
         return Datagram(content if isinstance(content, dict) else {}, sender or None, pid, uid)
 
+    def fileno(self) -> int:
+        """The descriptor to wait on."""
+        return self._socket.fileno()
+
     def answer(self, sender: str | bytes, content: dict[str, Any]) -> None:
         """Sends an answer. It is no error if the sender has gone: nobody waits for it then."""
         try:

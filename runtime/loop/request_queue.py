@@ -9,6 +9,7 @@ expire, and one that was sent before a stop is refused after it.
 from __future__ import annotations
 
 import os
+import select
 import time
 from collections import deque
 from dataclasses import dataclass, field
@@ -76,6 +77,9 @@ class RequestQueue:
         self.graph = graph
         self._requests = RequestReader(run_folder.requests)
         self._control, self._stop = ControlEnd(run_folder.loop_socket), stops
+        self._arrivals = select.poll()
+        for end in (self._control, self._stop):
+            self._arrivals.register(end, select.POLLIN)
         meta, row = graph.layout.meta, graph.row
         self._parameters = [(row.views[p["name"]], p["lower"], p["upper"]) for p in meta["parameters"]]
         self._setpoints = []
@@ -109,19 +113,23 @@ class RequestQueue:
             self.end_asked = False
             self._queue_stop(self.own(RequestKind.EXIT, Cause.REQUEST))
         # What moves is read before what stops: of two that came in one cycle, the stop counts.
-        for _ in range(_DATAGRAMS):
-            if (datagram := self._control.take()) is None:
-                break
-            self._take_local(datagram, now)
         if requests := self._requests.take():
             clock = time.monotonic_ns()
             for request in requests:
                 self._take_bus(request, now, clock)
+        if self._arrivals.poll(0):  # a sixth of the time of two readings in vain
+            self._take_datagrams(now)
+        return self._next(stops_only)
+
+    def _take_datagrams(self, now: int) -> None:
+        for _ in range(_DATAGRAMS):
+            if (datagram := self._control.take()) is None:
+                break
+            self._take_local(datagram, now)
         for _ in range(_DATAGRAMS):
             if (datagram := self._stop.take()) is None:
                 break
             self._take_stop(datagram)
-        return self._next(stops_only)
 
     def _next(self, stops_only: bool) -> PendingRequest | None:
         if self._stops:
