@@ -150,7 +150,7 @@ class CommandGuard(ABC):
         self._gravity: Array | None = None
         self._position: Array | None = None
         self._velocity: Array | None = None
-        self._ready = False
+        self._ready = self._led = False
         self.blind = False
         self.verified: VerifiedStop | None = None
         self.fast: Fast | None = None
@@ -232,16 +232,18 @@ class CommandGuard(ABC):
     def _bound(self) -> None:
         """Further checks of the arrays by one kind of guard. Raises WiringError as `bind` does."""
 
-    def reset(self, position: Array, velocity: Array | None = None) -> None:
+    def reset(self, position: Array, velocity: Array | None = None, *, led: bool = False) -> None:
         """Restarts the guard without a jump. Afterwards `applied` holds the first command.
 
         Args:
             position: measured position, or home for a device without feedback.
             velocity: present velocity of the command, zero if None; it is clipped to its limit.
+            led: the device has followed this guard up to now, in a stop. A torque goes on from what was sent last.
         Raises:
             DeviceError: the position or velocity is not finite.
         """
         start = self._start(position, velocity)
+        self._led = led
         if self.fast is not None:
             self.fast.forget()
         self._restart(*start)

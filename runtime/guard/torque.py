@@ -146,6 +146,9 @@ class TorqueGuard(CommandGuard):
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._release()
+        if self._led and finite(self.applied.ravel().tolist()):
+            self._read_gravity()
+            return  # a stop may press against a load: to let go of that at once would be a jump
         self._g = [0.0] * self.size
         self._read_gravity()
         start = [min(max(g, -E), E) for g, E in zip(self._g, self.max_effort, strict=True)]

@@ -321,7 +321,7 @@ class Cycle:
                 elif self._put_home[i] and actuator.home is not None:
                     start, self._put_home[i] = actuator.home.copy(), False
             try:
-                guard.reset(start)
+                guard.reset(start, led=bool(self._links.item(actuator.device) & LINK_ACTIVE))
             except DeviceError as error:
                 self.report(str(error))
                 self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))

@@ -304,3 +304,29 @@ def test_a_light_joint_comes_to_rest_behind_a_delay_if_its_inertia_is_told(inert
 
 def test_told_ten_times_too_much_it_would_ring():
     assert swing(0.05, 0.5, Stop.DAMP) > 5.0
+
+
+def test_a_start_lets_go_of_what_a_stop_presses_against_by_the_rate():
+    """A hand has pulled a held arm 0.2 rad away: a hold presses with 5 N m, and a new start may not drop them."""
+    joint = Joint(load=4.0)
+    for _ in range(50):
+        joint.stop(Stop.HOLD)
+    joint.q[0] += 0.2
+    for _ in range(10):
+        joint.guard.stop(Stop.HOLD, DT)
+    pressed = joint.tau[0]
+    assert abs(pressed - joint.load) > 2.0
+    joint.guard.reset(joint.q, led=True)
+    assert joint.tau[0] == pressed
+    for _ in range(50):
+        before = joint.tau[0]
+        joint.guard.step(np.array([joint.load]), None, DT)
+        assert abs(joint.tau[0] - before) <= RATE * DT * (1 + 1e-9)
+    assert joint.tau[0] == joint.load
+
+
+def test_a_start_of_what_nobody_led_begins_at_gravity():
+    joint = Joint(load=4.0)
+    joint.tau[0] = 9.0
+    joint.guard.reset(joint.q)
+    assert joint.tau[0] == joint.load

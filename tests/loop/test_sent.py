@@ -276,3 +276,41 @@ def test_the_guard_knows_the_gravity_that_a_torque_contains(monkeypatch: pytest.
 def test_gravity_belongs_to_a_torque(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(WiringError, match=r"'arm\.command\.velocity' isn't a command.*\n?.*arm\.command\.gravity"):
         _torque_profile(monkeypatch, "arm.command.velocity")
+
+
+class PulledArm(TorqueArm):
+    """It can be held, and stays where a hand puts it."""
+
+    def __init__(self, name: str, config: ToyConfig) -> None:
+        super().__init__(name, config)
+        self.commands = tuple(replace(command, stops=(Stop.HOLD, Stop.DAMP)) for command in self.commands)
+
+    def write(self, now: int) -> None:
+        self.sent_arrays["command"][:] = self.command_arrays["command"]
+
+
+def test_a_start_does_not_drop_the_torque_that_a_held_stop_pulls_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = _TORQUE.replace("{gravity}", "arm.command.gravity").replace("effort_rate: 1000", "effort_rate: 50")
+    text = text.replace("bus: null", "bus: null\nstop: {arm: hold}")
+    monkeypatch.setattr(toy, "PROFILE", text.replace("{", "{{").replace("}", "}}"))  # it is formatted again
+    for module, name in ((toy, "_load"), (registry, "load")):
+        monkeypatch.setattr(module, name, lambda group, *_: {"drivers": PulledArm, "controllers": Weigher}[group])
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        if k == 30:
+            b.ask("stop")
+        elif k == 60:
+            b.arm.values["position"][:] = 0.4  # rad: a hand pulls
+        elif k == 90:
+            b.ask("reset")
+
+    b.run(130, script)
+    states, applied = b.word("state"), _value(b, "arm.command.applied")
+    assert State.STOPPED in states[30:90]
+    assert states[-2] == State.ACTIVE
+    assert np.abs(applied[85:90] - 3.0).max() > 2.0, "the hold pulls back"
+    begun = int(np.flatnonzero(states == State.ACTIVE)[0])
+    assert np.abs(np.diff(applied[begun:], axis=0)).max() <= 50 * 0.01 * (1 + 1e-9)
