@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final
 
 from drivers.devicetime import DeviceTime
@@ -16,6 +18,32 @@ _WRONG: Final = 3e-4  # relative error of the rate; a smaller error is drift
 
 LATE: Final = SAME  # ns by which samples may be late for some time: less can't be told from a rate that is wrong
 ENDURED: Final = 5_000_000_000  # ns of late samples after which a link is opened anew: that leaves the queue behind
+
+
+def measured_rate(times: Sequence[float], counts: Sequence[int]) -> float:
+    """Returns the rate, Hz, of samples that came at `times` (s, rising), by their `counts`; 0 where it isn't seen.
+
+    A sample may be held up, never early. So the longest edge of the lower convex hull of time over count is taken:
+    what was held up lies above it. A line through the first and the last sample may be too steep by more than
+    `StreamTime` gets over: samples would seem ever later, and only from those on time the rate is learnt.
+    """
+    hull: list[tuple[float, int]] = []
+    for at, count in zip(times, counts, strict=True):
+        if hull and count <= hull[-1][1]:
+            continue  # a datagram that was overtaken
+        while len(hull) > 1 and _interval(hull[-2], hull[-1]) >= _interval(hull[-2], (at, count)):
+            del hull[-1]
+        hull.append((at, count))
+    edges = list(pairwise(hull))
+    if not edges:
+        return 0.0
+    interval = _interval(*max(edges, key=lambda edge: (edge[1][0] - edge[0][0]) * (edge[1][1] - edge[0][1])))
+    return 1.0 / interval if interval > 0.0 else 0.0
+
+
+def _interval(one: tuple[float, int], other: tuple[float, int]) -> float:
+    """Returns the s from count to count, between two samples (s, count)."""
+    return (other[0] - one[0]) / (other[1] - one[1])
 
 
 class Lateness:

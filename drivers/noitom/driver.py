@@ -11,13 +11,15 @@ from drivers.noitom.config import NoitomConfig, signals
 from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
 from drivers.noitom.skeleton import Skeleton
-from drivers.streamtime import Lateness, StreamTime
+from drivers.streamtime import Lateness, StreamTime, measured_rate
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is first measured
+ENOUGH: Final = 10  # readings with a frame for that measurement: one of them may have been held up
+LONGEST: Final = 1.5  # s that the measurement may take, where that many don't come
 USELESS: Final = 65536  # bytes without a frame after which the form of the stream is detected anew
 NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
 
@@ -140,10 +142,11 @@ class Noitom(Sensor):
         """Detects which of the two forms the stream has, and measures its rate."""
         avatar = self._config.avatar
         parsers: tuple[Parser, ...] = (BinaryParser(avatar), TextParser(avatar))
-        began = time.monotonic()
-        heard, first, last = b"", None, None
-        while (left := began + FIRST - time.monotonic()) > 0:
+        heard, times, numbers = b"", list[float](), list[int]()
+        until = time.monotonic() + FIRST
+        while (left := until - time.monotonic()) > 0:
             data = link.read_wait(left)
+            came = time.monotonic()
             data = data if isinstance(data, bytes) else b"".join(data)
             heard = (heard + data)[:256]
             for parser in parsers:
@@ -151,22 +154,25 @@ class Noitom(Sensor):
                 if frame is None:
                     continue
                 parsers = (parser,)
-                last = (time.monotonic(), frame.number if frame.number >= 0 else parser.frames)
-                first = first or last
+                if not times:
+                    until = came + LONGEST
+                times.append(came)
+                numbers.append(frame.number if frame.number >= 0 else parser.frames)
                 break
-            if first is not None and time.monotonic() - first[0] > MEASURE:
+            if len(times) >= ENOUGH and came - times[0] > MEASURE:
                 break
-        if first is None or last is None:
+        if not times:
             raise DeviceError(self._place, *self._refusal(heard, parsers))
-        rate = (last[1] - first[1]) / (last[0] - first[0]) if last[0] > first[0] else 0.0
-        if not 5 < rate < 1000:
+        mean = (numbers[-1] - numbers[0]) / (times[-1] - times[0]) if times[-1] > times[0] else 0.0
+        if not 5 < mean < 1000:
             raise DeviceError(
                 self._place,
-                f"its frames come {rate:.1f} times a second",
+                f"its frames come {mean:.1f} times a second",
                 "Set the broadcast's frequency to 60 Hz or more",
             )
         self._parser = parsers[0]
         unseen = self._config.port.startswith("udp://") and isinstance(self._parser, TextParser)
+        rate = measured_rate(times, numbers)
         self._clock = StreamTime(rate, learn=True, lossless=not unseen)
         self._useless, self._number, self._late = 0, -1, Lateness()
         self._seen = (self._parser.frames, self._parser.errors, self._parser.resyncs)

@@ -7,11 +7,12 @@ import time
 
 import numpy as np
 import pytest
-from helpers.noitom import MS, PERIOD, START, Make, binary, numbers, opened, steady, text
+from helpers.noitom import MS, PERIOD, START, Make, binary, numbers, opened, steady, suit, text
 from helpers.shared import shared
 from helpers.wait import until
 from scipy.spatial.transform import Rotation
 
+from drivers.noitom import driver
 from drivers.noitom.protocol import encode_binary
 from drivers.streamtime import ENDURED
 from runtime.contracts.errors import DeviceLostError
@@ -138,6 +139,49 @@ def test_a_queue_that_stays_leaves_frames_old_until_the_link_is_opened_anew(make
     device.read(now := time.monotonic_ns())
     sender.send()
     until(lambda: device.health.stamp > now, lambda: device.read(time.monotonic_ns()))
+
+
+class Script:
+    """A link on which frames come at given times, s, and the clock that goes with it."""
+
+    def __init__(self, arrivals: list[float]) -> None:
+        self.arrivals, self.now, self.number = arrivals, 0.0, 0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def read_wait(self, most: float) -> bytes:
+        self.now = max(self.now, min(self.arrivals[self.number], self.now + most))
+        return self.read()
+
+    def read(self) -> bytes:
+        first = self.number
+        while self.number < len(self.arrivals) and self.arrivals[self.number] <= self.now:
+            self.number += 1
+        return b"".join(binary(k) for k in range(first, self.number))
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("begins", [-0.05, 0.2, 0.45])
+def test_frames_held_up_while_the_rate_is_measured_open_no_link_anew(
+    begins: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A rate that is a tenth too high would make fresh frames stale within a second, and the suit lost after five."""
+    taken = [k / 60 for k in range(12 * 60)]
+    over = begins + 0.15  # s: then what was held up comes one by one, as over a slow network
+    held = [k for k, at in enumerate(taken) if begins < at < over]
+    link = Script([over + 0.0005 * (k - held[0]) if k in held else at for k, at in enumerate(taken)])
+    monkeypatch.setattr(driver, "time", link)
+    monkeypatch.setattr(driver, "open_transport", lambda *_, **__: link)
+    device = suit("tcp://127.0.0.1:1")
+    device.open()
+    while link.number < len(taken):
+        link.now = link.arrivals[link.number]
+        device.read(round(link.now * 1e9))
+        if link.number > held[-1] + 1:
+            assert link.now - device.health.stamp * 1e-9 < device.max_age / 2
 
 
 def test_a_backlog_is_no_gap_and_its_newest_is_taken() -> None:

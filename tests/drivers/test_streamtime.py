@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.pause import WATCH
-from drivers.streamtime import ENDURED, Lateness, StreamTime
+from drivers.streamtime import ENDURED, Lateness, StreamTime, measured_rate
 from runtime.contracts.driver import Health
 from runtime.contracts.errors import DeviceLostError
 
@@ -55,6 +55,23 @@ def test_a_rate_known_roughly_is_learnt_and_never_makes_fresh_samples_stale() ->
         assert abs(stream.rate / truth - 1) < 5e-4
         assert oldest < 80 * MS
         assert stream.restarts == 0
+
+
+@pytest.mark.parametrize("begins", np.linspace(-0.3, 0.4, 8))
+def test_what_is_held_up_makes_no_measured_rate_too_high(begins: float) -> None:
+    rng, counts = np.random.default_rng(1), range(31)
+    for held in (0.0, 0.05, 0.3):
+        comes = np.arange(31) / 60 + rng.exponential(0.001, 31)
+        late = (comes > begins) & (comes < begins + held)
+        comes[late] = begins + held + 1e-4 * np.arange(late.sum())
+        rate = measured_rate(np.maximum.accumulate(comes).tolist(), counts)
+        assert 5 < rate < 61
+
+
+def test_no_rate_is_measured_of_less_than_two_samples_one_after_the_other() -> None:
+    assert measured_rate([], []) == measured_rate([1.0], [5]) == 0.0
+    assert measured_rate([1.0, 1.0], [5, 6]) == measured_rate([1.0, 2.0], [6, 5]) == 0.0
+    assert measured_rate([1.0, 1.1, 1.1, 1.2], [5, 6, 5, 7]) == pytest.approx(10)
 
 
 def test_frames_that_were_held_up_dont_tilt_the_rate() -> None:

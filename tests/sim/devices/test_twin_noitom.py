@@ -7,7 +7,9 @@ import socket
 import struct
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -17,7 +19,6 @@ from helpers.twin import PATIENCE, Bench, bound
 from helpers.wait import until
 
 from drivers.noitom import Noitom, driver
-from drivers.streamtime import StreamTime
 from runtime.contracts.errors import DeviceError, DeviceLostError, HostError
 from runtime.contracts.signals import Array
 from sim.devices.noitom.fake import FakeNoitom
@@ -40,12 +41,6 @@ def made(
     )
     bound(fake)
     return NoitomTwin(fake)
-
-
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rate that is measured while opening is put right afterwards."""
-    monkeypatch.setattr(driver, "MEASURE", 0.1)
 
 
 class Listener:
@@ -207,10 +202,15 @@ def driver_of(bench: Bench, config: dict[str, Any] | None = None) -> Noitom:
     """Open, in step with the bench's clock."""
     device = Noitom("suit", Noitom.Config.model_validate({"port": bench.twin.address} | (config or {})))
     bound(device)
-    with bench.running():
-        device.open()
-    device._clock = StreamTime(RATE, learn=True)  # opening took real time, what follows is simulated
+    open_in(bench, device)
     return device
+
+
+def open_in(bench: Bench, device: Noitom) -> None:
+    """Opens by the bench's clock, so that the rate is the world's, whatever this machine's pace."""
+    clock = SimpleNamespace(monotonic=lambda: bench.now * 1e-9)
+    with mock.patch.multiple(driver, time=clock, MEASURE=0.1), bench.running():
+        device.open()
 
 
 @pytest.mark.parametrize("options", [{}, {"displacement": False}, {"reference": True, "others": 1}])
@@ -249,8 +249,7 @@ def test_a_pulled_cable_and_its_return() -> None:
         with pytest.raises(DeviceError, match="refuses a connection"):
             device.open()
         bench.run(0.5)
-        with bench.running():
-            device.open()
+        open_in(bench, device)
         assert device.health.reconnects == 1
         device.close()
 
