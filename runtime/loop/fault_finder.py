@@ -37,7 +37,10 @@ class FaultFinder:
         self._max_age = self._ages()
         self._sights = Sights(graph.sights)
         self._count = len(graph.devices)  # clients come after them
-        self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
+        owners = graph.layout.devices
+        self._emergency = [
+            (graph.element(e), e.when, owners.index(e.signal.partition(".")[0])) for e in graph.profile.emergency
+        ]
 
     def find(self, now: int) -> Fault | None:
         """The fault of the cycle at `now` (ns): an emergency, or that of the first device that has one."""
@@ -74,7 +77,7 @@ class FaultFinder:
         for i, (element, when, device) in enumerate(self._emergency):
             if element[0] == when or not isfinite(element[0]):
                 return Fault(Cause.EMERGENCY, i)
-            link = self._links.item(device) if device >= 0 else LINK_CONNECTED
+            link = self._links.item(device)
             if not link & LINK_CONNECTED or link & LINK_STALE:
                 trouble = True
                 if fault is None or self.of_client(fault):  # a client's silence doesn't hinder a reset, this does
@@ -85,11 +88,6 @@ class FaultFinder:
     def of_client(self, fault: Fault | None) -> bool:
         """Whether the fault is a client's silence."""
         return fault is not None and fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
-
-    def _device_of(self, signal: str) -> int:
-        """Index of the device that gives a signal; -1 for a controller's signal."""
-        name = signal.partition(".")[0]
-        return self._graph.layout.devices.index(name) if name in self._graph.layout.devices else -1
 
     def _ages(self) -> list[int]:
         """Each device's max_age in ns; 0 for a device that gives nothing that could be stale."""

@@ -153,7 +153,7 @@ class Faults(Part):
 
 
 class EmergencyInput(Element):
-    """`emergency[i]`: an e-stop or enabling switch. It may be an element of any signal of one axis."""
+    """`emergency[i]`: an e-stop or enabling switch: an element of a device's state, or of a setpoint, of one axis."""
 
     when: float = Field(1.0, description="the value that stops; an enabling switch stops at 0")
     category: Reaction = "stop"

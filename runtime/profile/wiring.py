@@ -222,10 +222,19 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver], cleared: dict[st
             raise WiringError(
                 b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands)
             )
-    for i, entry in enumerate(b.profile.emergency):
-        entry.find(b.signals, b.source.place(f"emergency.{i}"))
+    _emergency_inputs(b)
     _reset_inputs(b, devices)
     measured_frames.check_signals(b)
+
+
+def _emergency_inputs(b: Builder) -> None:
+    """An emergency input is read in every state: what a law makes stands still while the limb is stopped."""
+    for i, entry in enumerate(b.profile.emergency):
+        place = b.source.place(f"emergency.{i}")
+        entry.find(b.signals, place)
+        if b.layout.fields[entry.signal].role not in ("state", "setpoint"):
+            problem = f"'{entry.signal}' is what no device or client says, so nobody could tell whether it still holds"
+            raise WiringError(place, problem, "Name a device's state: the switch itself")
 
 
 def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
