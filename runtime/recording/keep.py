@@ -11,7 +11,8 @@ import json
 import os
 import stat
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,6 +26,8 @@ from runtime.recording.source import Source
 from runtime.recording.summary import Summary, persons
 
 LEDGER: Final = ".srl-deleted.jsonl"
+_RESERVE: Final = 1 << 16  # bytes of disk space that the ledger has at least beyond its end
+_KEEP_SIZE: Final = 1  # FALLOC_FL_KEEP_SIZE: the file's size stays what it is
 _DAY: Final = 86400.0
 _UNSET: Final = 5  # TIME_ERROR of adjtimex: nothing keeps the clock right
 _SYNCHRONIZED: Final = Path("/run/systemd/timesync/synchronized")  # for a service that may not ask the kernel
@@ -70,6 +73,8 @@ def make_room(folder: Path, keep: Keep, mine: Collection[str], report: Callable[
     """
     if keep == Keep():
         return ""
+    with suppress(OSError), _ledger(folder):
+        pass  # room for its next lines: on a full disk there is none to be had
     try:
         files = sorted(_files(folder), key=lambda file: (file.ended, file.path.name))
     except OSError as error:
@@ -122,15 +127,26 @@ def strike(folder: Path, entry: Entry, why: str) -> list[str]:
 def _note(folder: Path, entry: Entry, ended: str, why: str, beside: list[str]) -> None:
     said = {"at": _utc(time.time()), "name": entry.name, "bytes": entry.size, "ended": ended, "why": why}
     said |= {"with": beside} if beside else {}
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
-    descriptor = os.open(folder / LEDGER, flags, 0o600)
-    try:
+    with _ledger(folder) as descriptor:
         line, size = (json.dumps(said) + "\n").encode(), os.fstat(descriptor).st_size
         if size and os.pread(descriptor, 1, size - 1) != b"\n":
             line = b"\n" + line  # a full disk took half a line
         if os.write(descriptor, line) != len(line):
             raise OSError(0, f"the deletion can't be written down in {LEDGER}")
         os.fsync(descriptor)
+
+
+@contextmanager
+def _ledger(folder: Path) -> Iterator[int]:
+    """The ledger's descriptor. Disk space for lines to come is taken beforehand, where the file system can do so."""
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    descriptor = os.open(folder / LEDGER, flags, 0o600)
+    try:
+        size = os.fstat(descriptor).st_size
+        ctypes.CDLL(None).fallocate(
+            descriptor, _KEEP_SIZE, ctypes.c_int64(size // _RESERVE * _RESERVE), ctypes.c_int64(2 * _RESERVE)
+        )
+        yield descriptor
     finally:
         os.close(descriptor)
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -239,3 +241,26 @@ def test_half_a_line_of_a_full_disk_spoils_no_other(tmp_path: Path, save: Save) 
     (tmp_path / LEDGER).write_text('{"at": "2026-01-01T00:00:00+00:00", "na')
     make_room(tmp_path, Keep(days=30.0), (), lambda text: None)
     assert json.loads((tmp_path / LEDGER).read_text().splitlines()[-1])["name"] == "old.rrd"
+
+
+def test_on_a_disk_that_is_full_to_the_last_byte_the_oldest_make_room(tmp_path: Path, save: Save) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("mounting a small tmpfs takes root")
+    try:
+        save("disk/old.rrd", 31)
+        save("disk/new.rrd", 1)
+        assert make_room(disk, Keep(days=60.0), (), pytest.fail) == "", "nothing is old, so the next finds its room"
+        with (disk / "others").open("wb", buffering=0) as others, suppress(OSError):
+            while others.write(bytes(512)):
+                pass
+        assert os.statvfs(disk).f_bavail == 0
+        said: list[str] = []
+        make_room(disk, Keep(days=30.0), (), said.append)
+        assert names(disk) == ["new.rrd", "others"]
+        assert ledger(disk) == ["old.rrd"]
+        assert "was deleted" in said[0]
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
