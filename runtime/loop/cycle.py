@@ -132,10 +132,9 @@ class Cycle:
         machine.recover = False
         degraded, too_many = self.ladder.count(now, missed)
         ints[_FLAGS] = FLAG_LATE * (missed > 0) + FLAG_DEGRADED * degraded
-        if self._fault is not None:
-            machine.stop(self._fault)
-        elif too_many:
-            machine.stop(Fault(Cause.OVERRUN))
+        overrun = Fault(Cause.OVERRUN) if too_many else None
+        if (fault := self._fault or overrun) is not None:
+            machine.stop(fault)
         pressed = self.reset_inputs.take()
         if request is None and pressed >= 0:
             request = Request(0, RequestKind.RESET, pressed, 0, np.empty(0), Origin.INPUT)
@@ -149,9 +148,10 @@ class Cycle:
             if answer is Answer.NONE and request.kind in STATE_REQUESTS:
                 answer = self._refused(request.kind)
             if answer is Answer.NONE and request.kind in STATE_REQUESTS:
-                # A client that no longer sends must not prevent a restart of the limb without it.
+                # A client that no longer sends must not prevent a restart of the limb without it. Overruns do, as long
+                # as they count: they would stop it again in the next cycle.
                 present = None if self._faults.of_client(self._fault) else self._fault
-                answer = machine.request(request.kind, request.origin, request.target, present)
+                answer = machine.request(request.kind, request.origin, request.target, present or overrun)
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
         machine.start_if_ready(self._fault)
