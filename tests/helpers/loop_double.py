@@ -62,8 +62,8 @@ class LoopDouble:
         assert self.supervisor.step()
         self.slots.write(slot, (frame,))
 
-    def run(self, rows: int = 3) -> None:
-        """Makes the run's files, and says that the loop runs."""
+    def run(self, rows: int = 3, period: int = 1_000_000, unpaced: bool = True) -> None:
+        """Makes the run's files, and says that the loop runs. `period`: ns."""
         layout = make_layout()
         layout.save(self.run_folder.layout)
         EventWriter(self.run_folder.events).close()
@@ -71,11 +71,11 @@ class LoopDouble:
         for k in range(rows):
             self.ring.append(self.ring.rows[k, 1:-1])
         self.ring.touch(time.monotonic_ns())
-        self.say_running()
+        self.say_running(period, unpaced)
 
-    def say_running(self) -> None:
+    def say_running(self, period: int = 1_000_000, unpaced: bool = True) -> None:
         """The message alone."""
-        self.channel.send({"say": "running", "period": 1_000_000, "unpaced": True})
+        self.channel.send({"say": "running", "period": period, "unpaced": unpaced})
 
     def close(self) -> None:
         """Ends what is left."""

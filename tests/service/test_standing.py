@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -163,6 +164,26 @@ def test_a_slow_disk_holds_up_nobody_and_the_newest_state_is_written_last(
     disk.set()
     run.close(well=True)
     assert host.kept() == ["person", "fault"]
+
+
+def test_what_stands_is_on_the_disk_before_it_takes_the_place_of_what_stood(
+    host: Host, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut leaves the old file or the new one, and after a good end none: no name without its content."""
+    done: list[str] = []
+    sync, replace, unlink = os.fsync, Path.replace, Path.unlink
+
+    def named(descriptor: int) -> str:
+        return Path(os.readlink(f"/proc/self/fd/{descriptor}")).name
+
+    monkeypatch.setattr(os, "fsync", lambda fd: (done.append(f"{named(fd)} kept"), sync(fd))[1])
+    monkeypatch.setattr(Path, "replace", lambda self, to: (done.append(f"{self.name} moved"), replace(self, to))[1])
+    monkeypatch.setattr(Path, "unlink", lambda self, **how: (done.append(f"{self.name} gone"), unlink(self, **how))[1])
+    run = host.begin()
+    assert done[:3] == ["latches.new kept", "latches.new moved", "state kept"]
+    done.clear()
+    run.close(well=True)
+    assert done == ["latches.json gone", "state kept"]
 
 
 # The whole runtime

@@ -7,6 +7,7 @@ import os
 import resource
 import select
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,7 +17,10 @@ from helpers.run import alive
 from helpers.wait import until
 
 from runtime.loop import realtime
+from runtime.loop.control_end import ControlEnd
 from runtime.recording.reader import read
+from runtime.service import supervisor as service
+from runtime.service.helpers import Helper
 
 
 @pytest.fixture
@@ -112,6 +116,52 @@ def loop_handing_over(loop: LoopDouble, descriptor: int) -> Callable[[], bool]:
         return True
 
     return seen
+
+
+@pytest.mark.parametrize(
+    ("period", "unpaced", "patience"),
+    [(10_000_000, False, 120_000_000), (1_000_000, False, 102_000_000), (10_000_000, True, 10_000_000_000)],
+)
+def test_a_loop_without_a_sign_of_life_is_killed_and_the_limb_stopped(
+    loop: LoopDouble, monkeypatch: pytest.MonkeyPatch, period: int, unpaced: bool, patience: int
+) -> None:
+    """After 100 ms and two periods, on a clock of the test's own: not a nanosecond before, and none later."""
+    begun = now = time.monotonic_ns()
+    monkeypatch.setattr(service.time, "monotonic_ns", lambda: now)
+    ours, theirs = pipe()
+    loop.hand_over(0, theirs, b"stop")
+    loop.run(period=period, unpaced=unpaced)
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    now = begun + patience
+    assert loop.supervisor.step()
+    assert (alive(loop.process.pid), taken(ours)) == (True, b"")
+    now += 1
+    assert not loop.supervisor.step()
+    assert not alive(loop.process.pid)
+    assert taken(ours) == b"stopstop"
+    assert loop.supervisor.death is not None
+    assert "no sign of life" in loop.supervisor.death.how
+
+
+@pytest.mark.parametrize(("name", "told"), [("bus", True), ("recorder", False)])
+def test_the_loop_is_told_of_the_buss_death_and_the_bus_comes_back(loop: LoopDouble, name: str, told: bool) -> None:
+    """What it does then is for `faults.bus-loss` to say."""
+    asked = ControlEnd(loop.run_folder.stop_socket)
+    helper = Helper(name, ["sleep", "1000"])
+    loop.supervisor.helpers.append(helper)
+    loop.run()
+    until(lambda: loop.supervisor.step() and helper.process is not None)
+    first = helper.process
+    assert first is not None
+    assert asked.take() is None
+    first.kill()
+    until(lambda: loop.supervisor.step() and helper.process not in (None, first))
+    datagram = asked.take()
+    assert (datagram and datagram.content) == ({"ask": "fault", "cause": "bus_loss"} if told else None)
+    asked.close()
+    loop.supervisor.helpers.clear()
+    helper.process.kill()
+    helper.process.wait()
 
 
 @pytest.mark.parametrize("refused", [False, True])
