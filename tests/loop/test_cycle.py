@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.toy import SPEED, Bench, Law, _load
+from helpers.toy import SPEED, Bench, Law, Toy, _load
 
 from runtime.contracts import registry
+from runtime.contracts.signals import Stop
 from runtime.ipc.requests import Answer
-from runtime.ipc.words import Cause, State
+from runtime.ipc.words import FLAG_DEGRADED, Cause, State
 from runtime.loop import device as device_module
 from runtime.loop.replay import replay
 
@@ -30,6 +31,43 @@ def test_a_stop_begins_in_the_cycle_of_its_fault(tmp_path: Path) -> None:
     assert state[50] in (State.STOPPING, State.STOPPED)
     assert abs(np.diff(sent)).max() <= SPEED * 0.01 * (1 + 1e-6)
     assert np.ptp(sent[-20:]) == 0
+
+
+def test_twenty_periods_missed_within_a_second_stop_the_limb_and_fewer_dont(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        late = k % 6 == 0 if k < 600 else k == 600  # 17 in each second
+        b.loop.clock.tick.missed = 3 if k == 601 else late
+
+    b.run(620, script)
+    assert {state for state, _ in b.states[5:602]} == {State.ACTIVE}
+    assert b.word("state")[601] in (State.STOPPING, State.STOPPED)
+    assert b.states[-1] == (State.STOPPED, Cause.OVERRUN)
+    degraded = (b.word("flags") & FLAG_DEGRADED) > 0
+    assert degraded.tolist()[:32] == [False] * 30 + [True] * 2, "above five in a second telemetry is halved"
+
+
+def test_a_stop_that_the_device_does_by_itself_is_asked_of_it_in_each_cycle_and_ends_with_the_reset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No position is `limp`: nothing but the driver's own stop lets the joints go."""
+    asked: list[tuple[int, Stop]] = []
+    b = Bench(tmp_path, emergency="", more="stop: {arm: limp}")
+    sent = []
+
+    def script(k: int) -> None:
+        sent.append(len(b.arm.sent))
+        if k == 50:
+            monkeypatch.setattr(Toy, "stop", lambda self, category: asked.append((len(sent) - 1, category)))
+            b.ask("stop")
+        if k == 80:
+            b.ask("reset")
+
+    b.run(100, script)
+    assert asked == [(k, Stop.LIMP) for k in range(50, 80)], "from the stop's own cycle on"
+    assert sent[50] == sent[80], "and no command beside it"
+    assert sent[99] > sent[81]
 
 
 def test_a_driver_whose_write_fails_stops_the_limb(tmp_path: Path) -> None:

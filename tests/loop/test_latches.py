@@ -12,7 +12,7 @@ from helpers.toy import Bench, _load
 from runtime.contracts import registry
 from runtime.ipc.latches import NONE, of_names
 from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.words import CYCLE, Latch, Origin, State
+from runtime.ipc.words import CYCLE, Cause, Latch, Origin, State
 from runtime.loop.replay import replay
 
 MOVING = (State.HOMING, State.ACTIVE)
@@ -183,6 +183,27 @@ def test_a_silent_client_hides_no_emergency_input_that_is_away(tmp_path: Path) -
     assert states(b)[55] is State.ACTIVE
     assert not set(states(b)[70:]) & set(MOVING)
     assert b.word("request_result")[80] == Answer.REFUSED_FAULT
+
+
+def test_after_a_reset_the_limb_waits_for_a_new_setpoint(tmp_path: Path) -> None:
+    """A client that was silent may have gone: what it asked for before moves nothing after the reset."""
+    b = Bench(tmp_path, emergency="", client=True)
+    client = RequestWriter(b.run_folder.requests)
+
+    def script(k: int) -> None:
+        if k < 30 or k >= 150:
+            client.send(RequestKind.SETPOINT, EVER, 0, np.full(2, 1.5))
+        if k == 80:
+            b.ask("reset")
+
+    b.run(200, script)
+    sent = np.array(b.arm.sent)[:, 0]
+    assert states(b)[29] is State.ACTIVE
+    assert b.states[79] == (State.STOPPED, Cause.INTENT_LOSS)
+    assert set(states(b)[90:]) == {State.ACTIVE}
+    assert np.ptp(sent[60:148]) == 0
+    assert 0 < sent[60] < 1.0
+    assert sent[199] > sent[150] + 0.1, "and follows it"
 
 
 def test_requests_replay_with_their_origins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

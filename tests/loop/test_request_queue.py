@@ -14,14 +14,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from helpers import toy
 from helpers.toy import PERIOD, wired
 from helpers.wait import until
 
 from runtime.ipc.control_socket import LIFETIME, NOTES, send_note, send_request
 from runtime.ipc.requests import Answer, RequestKind, RequestWriter
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import Cause, Latch, Origin, State
+from runtime.ipc.words import DEVICE, Cause, Latch, Origin, State
 from runtime.loop.control_end import ControlEnd
 from runtime.loop.request_queue import PendingRequest, RequestQueue
 
@@ -29,11 +31,11 @@ from runtime.loop.request_queue import PendingRequest, RequestQueue
 class Desk:
     """A queue, and the cycles that ask it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, **options: Any) -> None:
         self.folder = RunFolder(folder)
         RequestWriter.create(self.folder.requests)
         self.ring = RequestWriter(self.folder.requests)
-        self.queue = RequestQueue(self.folder, wired(), ControlEnd(self.folder.stop_socket))
+        self.queue = RequestQueue(self.folder, wired(**options), ControlEnd(self.folder.stop_socket))
         self.now = 0
 
     def take(self) -> PendingRequest | None:
@@ -158,6 +160,51 @@ def test_a_role_asks_for_what_it_may(desk: Desk) -> None:
     assert found == [(*each, Answer.REFUSED_ROLE) for each in refused] + [(*each, Answer.NONE) for each in allowed]
     desk.ring.send(RequestKind.STOP, soon(), origin=Origin.OPERATOR)
     assert [(p.request.origin, p.request.kind) for p in desk.all()] == [(Origin.OPERATOR, RequestKind.STOP)]
+
+
+def test_what_a_client_asked_for_too_long_ago_is_refused(desk: Desk) -> None:
+    """Whoever asked has been told that it failed, and has gone on: the bus drops it, the loop looks again."""
+    for kind in (RequestKind.START, RequestKind.RESET, RequestKind.PARAMETER):
+        desk.ring.send(kind, time.monotonic_ns() - 1)
+    assert [p.answer for p in desk.all()] == [Answer.EXPIRED] * 3
+
+
+def test_an_old_setpoint_or_one_that_is_no_number_moves_nothing(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, client=True)
+    row = desk.queue.graph.row
+    view, words = row.views["client.position"], row.devices[desk.queue.graph.layout.devices.index("client")]
+    desk.ring.send(RequestKind.SETPOINT, soon(), 0, np.array([0.1, 0.2]))
+    assert desk.take() is None
+    assert (view.tolist(), words[DEVICE.stamp]) == ([0.1, 0.2], desk.now)
+    first = desk.now
+    far = np.array([2.0, 2.0])
+    desk.ring.send(RequestKind.SETPOINT, time.monotonic_ns() - 1, 0, far)
+    desk.ring.send(RequestKind.SETPOINT, soon(), 1, far)
+    desk.ring.send(RequestKind.SETPOINT, soon(), 0, far, Origin.OBSERVER)
+    for values in ([2.0, np.nan], [np.inf, 2.0], [2.0], [2.0] * 3):
+        desk.ring.send(RequestKind.SETPOINT, soon(), 0, np.array(values))
+    assert desk.take() is None
+    assert (view.tolist(), words[DEVICE.stamp]) == ([0.1, 0.2], first)
+    assert words[DEVICE.errors] == 4
+    desk.queue.close()
+
+
+def test_of_a_clients_setpoints_the_oldest_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is still sent doesn't hide that another one isn't any more."""
+    one = "{shape: [2], unit: rad, labels: [shoulder, elbow], max_age: 0.05}"
+    monkeypatch.setattr(toy, "CLIENT", f"setpoints: {{client.position: {one}, client.other: {one}}}")
+    second = "  - {{use: law, name: second, in: {{x: client.other}}}}\n"
+    monkeypatch.setattr(toy, "PROFILE", toy.PROFILE.replace("guard:", f"{second}guard:"))
+    desk = Desk(tmp_path, client=True)
+    words = desk.queue.graph.row.devices[desk.queue.graph.layout.devices.index("client")]
+    stamps = []
+    for targets in ((0, 1), (0,), (0,), (0, 1), (1,)):
+        for target in targets:
+            desk.ring.send(RequestKind.SETPOINT, soon(), target, np.zeros(2))
+        desk.take()
+        stamps.append(words[DEVICE.stamp] // PERIOD)
+    assert stamps == [1, 1, 1, 4, 4]
+    desk.queue.close()
 
 
 def test_only_the_supervisors_process_is_the_service(desk: Desk) -> None:
