@@ -6,7 +6,7 @@ from helpers.guard import PLACE, guard_of
 from pydantic import ValidationError
 
 from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Command, Kind, Limits
+from runtime.contracts.signals import Command, Kind, Limits, Stop
 from runtime.guard import GUARDS, GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, merge
 
 
@@ -63,6 +63,52 @@ def test_limits_without_room_and_a_rest_outside_are_refused():
         guard_of(Kind.POSITION, velocity=1, acceleration=1, lower=1, upper=1)
     with pytest.raises(WiringError, match="rest"):
         guard_of(Kind.POSITION, velocity=1, acceleration=1, lower=0, upper=1, rest=np.array([2.0]))
+
+
+ONE = {  # the limits of a joint of each kind
+    Kind.POSITION: {"lower": -1.0, "upper": 1.5, "velocity": 4.0, "acceleration": 40.0},
+    Kind.VELOCITY: {"lower": -1.0, "upper": 1.5, "velocity": 4.0, "acceleration": 40.0},
+    Kind.TORQUE: {"lower": -1.0, "upper": 1.5, "velocity": 4.0, "effort": 10.0, "effort_rate": 200.0, "inertia": 0.5,
+                  "acceleration": 12.0},
+}  # fmt: skip
+JERK = {"jerk": 400.0}
+
+
+@pytest.mark.parametrize("stop", [Stop.HOLD, Stop.RETRACT])
+@pytest.mark.parametrize(("kind", "more"), [*((kind, {}) for kind in ONE), (Kind.POSITION, JERK)])
+def test_each_joint_has_the_limits_of_its_own_name(kind, more, stop):
+    """Beside a joint that may do less or more, each does the same as alone: no limit is another joint's."""
+    scales = (1.0, 0.3, 1.7)
+    limits = [{name: scale * value for name, value in (ONE[kind] | more).items()} for scale in scales]
+    together = {name: [each[name] for each in limits] for name in limits[0]}
+    rests = np.array([0.2, -0.1, 0.3])
+
+    def bound(joints, rest, given):
+        guard = guard_of(kind, joints, rest=rest, **given)
+        arrays = np.zeros((4, joints))
+        guard.bind(arrays[0], arrays[1], arrays[2], arrays[3])
+        guard.reset(np.zeros(joints))
+        return guard, arrays
+
+    guards = [bound(3, rests, together), *(bound(1, rests[i : i + 1], each) for i, each in enumerate(limits))]
+    random = np.random.default_rng(5)
+    wanted, stopping, largest = np.zeros(3), False, np.zeros(3)
+    for k in range(400):
+        if k % 20 == 0:
+            wanted, stopping = random.uniform(-20.0, 20.0, 3), bool(k % 100 >= 60)
+        for n, (guard, (applied, q, qd, sent)) in enumerate(guards):
+            guard.reseat(k > 0, 0.01)
+            if stopping:
+                guard.stop(stop, 0.01)
+            else:
+                guard.step(wanted if n == 0 else wanted[n - 1 : n], None, 0.01)
+            before = q.copy()
+            q[:] += {Kind.POSITION: applied - q, Kind.VELOCITY: applied * 0.01, Kind.TORQUE: qd * 0.01}[kind]
+            qd[:] += applied * 0.02 if kind is Kind.TORQUE else (q - before) / 0.01 - qd
+            sent[:] = applied
+        assert guards[0][0].applied.tolist() == [guard.applied.item() for guard, _ in guards[1:]]
+        largest = np.maximum(largest, np.abs(guards[0][0].applied))
+    assert largest[1] < largest[0] < largest[2]
 
 
 def test_the_kind_decides_the_guard():
