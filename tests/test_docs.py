@@ -23,14 +23,17 @@ from helpers.run import call, environment
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from runtime.bus import requests
 from runtime.cli import MODULES
 from runtime.cli.check import check_guards
 from runtime.contracts import registry
-from runtime.ipc import latches
+from runtime.ipc import control_socket, latches
 from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import Cause, Latch, Origin, State
+from runtime.ipc.words import CLIENTS, Cause, Latch, Origin, State
+from runtime.loop import device, process, rate, realtime, reset_inputs
 from runtime.loop.machine import Machine
 from runtime.profile import profile, wiring
+from runtime.service import actuators, supervisor
 from sim.devices.examples import DEVICES
 from studies.faults import wire_trial
 from studies.faults.device_faults import KINDS
@@ -262,11 +265,41 @@ def test_safety_has_room_for_the_fault_campaign_and_a_line_for_each_fault() -> N
     assert set(lines) <= known | {"| --- |"}
 
 
+def test_the_safety_pages_times_and_counts_are_the_codes() -> None:
+    text = (DOCS / "safety.md").read_text()
+    overrun = profile.Faults().overrun
+    ages = {name: registry.load("drivers", name, "").max_age for name in ("cyberglove", "firmata", "panda")}
+    lives = (control_socket.LIFETIME * 1e-9, requests.PATIENCE * 1e-9)
+    promised: dict[str, tuple[float, ...]] = {
+        r"is stale after `max_age` \((\S+) s\)": (ages["cyberglove"],),
+        r"board stops answering \| It is stale after (\S+) s": (ages["firmata"],),
+        r"arm is silent \| It is stale after (\S+) ms": (ages["panda"] * 1e3,),
+        r"at a hang after (\d+) ms and two periods": (supervisor.HUNG * 1e-6,),
+        r"As above, after (\d+) ms plus two periods": (supervisor.HUNG * 1e-6,),
+        r"as they can: (\d+) s\.\)": (supervisor.HUNG_UNPACED * 1e-9,),
+        r"kills the loop after (\d+) ms plus two periods": (realtime.STUCK * 1e-6,),
+        r"tries for (\S+) s, twice": (actuators.PATIENCE,),
+        r"open the glove again every (\S+) s": (device.RETRY,),
+        r"the ring holds about (\d+) s of rows": (process.KEPT,),
+        r"released for (\d+) ms or more": (reset_inputs.RELEASED * 1e-6,),
+        r"limited to (\d+) at once and (\d+) a second": (rate.BURST, 1e9 / rate.EVERY),
+        r"expire after (\d+) s \(from the bus: (\d+) s\)": lives,
+        r"(\d+) periods missed within (\d+) s\. Up to (\d+)": (overrun.stop, overrun.window, overrun.tolerate),
+    }
+    for pattern, values in promised.items():
+        found = re.findall(pattern, text)
+        assert found, pattern
+        for each in found:
+            numbers = (each,) if isinstance(each, str) else each
+            assert tuple(map(float, numbers)) == pytest.approx(values), pattern
+
+
 @pytest.mark.parametrize("latch", latches.ALL)
-@pytest.mark.parametrize("origin", [Origin.LOCAL, Origin.INPUT, Origin.BUS, Origin.SERVICE])
+@pytest.mark.parametrize("origin", list(Origin)[1:])
 def test_the_machine_ends_the_stops_that_the_safety_page_says(latch: Latch, origin: Origin) -> None:
     (row,) = (line for line in latches.table().splitlines() if f"| `{latches.names(latch)[0]}` |" in line)
-    said = row.split(" | ")[1 + origin].strip("| ")
+    column = Origin.BUS if origin in CLIENTS else origin  # a role in the network is a client like any other
+    said = row.split(" | ")[1 + column].strip("| ")
     for granted in (latches.NONE, latches.GRANTED, latches.GRANTABLE):
         machine = Machine(profile.Faults(), (), automatic=True, standing=latch, granted=granted)
         done = machine.request(RequestKind.RESET, origin, 0, None) is Answer.DONE

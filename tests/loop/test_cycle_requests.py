@@ -32,7 +32,7 @@ step = st.fixed_dictionaries(
                 RequestKind.EXIT,
             ]
         ),
-        "origin": st.sampled_from([Origin.LOCAL, Origin.BUS, Origin.BUS, Origin.SERVICE]),
+        "origin": st.sampled_from([Origin.LOCAL, Origin.BUS, Origin.OPERATOR, Origin.ENGINEER, Origin.SERVICE]),
         "target": st.sampled_from([Cause.NONE, Cause.BUS_LOSS, Cause.OVERRUN]),
         "stale": st.sampled_from([""] * 5 + ["hand", "arm", "panel"]),
         "lost": st.sampled_from([""] * 6 + ["hand", "arm", "panel"]),

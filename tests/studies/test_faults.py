@@ -44,6 +44,7 @@ def run(profile: str, device: str, fault: str, seed: int = 1) -> dict[str, Any]:
     [
         ("glove", "silent", "intent_loss"),
         ("glove", "clock-back", "intent_loss"),
+        ("glove", "clock-forward", "intent_loss"),
         ("glove", "garbage", "none"),
         ("finger", "disconnected", "device_loss"),
         ("finger", "refusing", "device_fault"),
