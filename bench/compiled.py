@@ -16,7 +16,8 @@ from bench.superman import BLOCK, PHASES, Decisions
 from runtime.contracts.compiled import available, missing
 from runtime.loop import realtime
 
-SPANS = {"moca-man": 1.5, "sixth-finger": 6.0, "moca-finger": 1.5}  # s of simulated time whose rows are decided on
+# s of simulated time whose rows are decided on
+SPANS = {"moca-man": 1.5, "kairos-man": 3.0, "sixth-finger": 6.0, "moca-finger": 1.5}
 AIMS = {"control": 40.0, "guard": 30.0, "whole": 80.0}  # us, moca-man
 SHARE = 0.25  # of Python's time, moca-man
 

@@ -27,8 +27,8 @@ typedef struct {
 
 #define COUNT(type) ((int)(sizeof(type) / sizeof(double))) /* of a struct of doubles: an array's elements */
 
-extern const Law tool_pose, admittance, moca_impedance, torque_guard, velocity_guard, position_guard, sent_tracker,
-    command_left, ur_take, ur_fill, felt_wrench, object_mapping, panda_fill, panda_torque,
+extern const Law tool_pose, admittance, moca_impedance, kairos_clik, torque_guard, velocity_guard, position_guard,
+    sent_tracker, command_left, ur_take, ur_fill, felt_wrench, object_mapping, panda_fill, panda_torque,
     panda_record, panda_watch;
 
 /* As Python's: the first, unless the second is smaller (larger). */

@@ -3,6 +3,7 @@
 
 #include "chain.h"
 #include "rotation.h"
+#include "whole_body.h"
 
 #define NEAR 1e-6
 #define DAMPING 1e-6
@@ -20,51 +21,10 @@ typedef struct {
 
 typedef struct {
     double turn[3], damping[36], age, factors[2];
-    double locomotion, level, fade, load;
+    Priority priority;
+    double load;
     double cycles, held_back, singular, strongest; /* figures: may be infinite */
 } State;
-
-/* L D L^T of the lower triangle of A (6 x 6), rows in descending order of the diagonal, as Eigen's. */
-typedef struct { double L[6][6]; int swap[6]; } Factors;
-
-static void factorise(Factors *f, double A[6][6]) {
-    memcpy(f->L, A, sizeof f->L);
-    double(*L)[6] = f->L;
-    for (int k = 0; k < 6; k++) {
-        int big = k;
-        for (int i = k + 1; i < 6; i++)
-            if (fabs(L[i][i]) > fabs(L[big][big])) big = i;
-        f->swap[k] = big;
-        if (big != k) {
-            double t;
-#define SWAP(a, b) (t = (a), (a) = (b), (b) = t)
-            for (int j = 0; j < k; j++) SWAP(L[k][j], L[big][j]);
-            for (int i = big + 1; i < 6; i++) SWAP(L[i][k], L[i][big]);
-            for (int i = k + 1; i < big; i++) SWAP(L[i][k], L[big][i]);
-            SWAP(L[k][k], L[big][big]);
-#undef SWAP
-        }
-        double temp[6];
-        for (int j = 0; j < k; j++) temp[j] = L[j][j] * L[k][j];
-        for (int j = 0; j < k; j++) L[k][k] -= L[k][j] * temp[j];
-        for (int i = k + 1; i < 6; i++)
-            for (int j = 0; j < k; j++) L[i][k] -= L[i][j] * temp[j];
-        if (fabs(L[k][k]) > 0.0)
-            for (int i = k + 1; i < 6; i++) L[i][k] /= L[k][k];
-    }
-}
-
-static void solve(const Factors *f, const double *b, double *x) {
-    memcpy(x, b, 6 * sizeof *x);
-    double t;
-    for (int k = 0; k < 6; k++) t = x[k], x[k] = x[f->swap[k]], x[f->swap[k]] = t;
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < i; j++) x[i] -= f->L[i][j] * x[j];
-    for (int i = 0; i < 6; i++) x[i] = fabs(f->L[i][i]) > DBL_MIN ? x[i] / f->L[i][i] : 0.0;
-    for (int i = 5; i >= 0; i--)
-        for (int j = i + 1; j < 6; j++) x[i] -= f->L[j][i] * x[j];
-    for (int k = 5; k >= 0; k--) t = x[k], x[k] = x[f->swap[k]], x[f->swap[k]] = t;
-}
 
 /* Equations.damped (shared/spd6.py). Returns 0 where A isn't finite. */
 static int damped(double A[6][6], const double *b, double *x, double *independence) {
@@ -124,17 +84,6 @@ static int eigen(double A[6][6], double *w, double V[6][6]) {
     return 0;
 }
 
-/* Adds J_b diag(linear, linear, turning) J_b^T to the lower triangle of A. */
-static void add_base(double A[6][6], const double *J, int wide, double linear, double turning) {
-    double u = J[2], v = J[wide + 2];
-    A[0][0] += linear + turning * u * u;
-    A[1][0] += turning * u * v;
-    A[1][1] += linear + turning * v * v;
-    A[5][0] += turning * u;
-    A[5][1] += turning * v;
-    A[5][5] += turning;
-}
-
 /* B = M^-1 J_a^T (n x 6) and S = J_a B. */
 static void arm_mobility(const double *J, const double *inverse, int n, double B[MOST_JOINTS][6], double S[6][6]) {
     int wide = 3 + n;
@@ -176,14 +125,6 @@ static int modal(const Options *o, const double *J, int n, const double *inverse
     return 1;
 }
 
-static double between(double level, const double *of) { return of[0] + level * (of[1] - of[0]); }
-
-static double between_ratios(double level, const double *of) {
-    if (level == 0.0) return of[0];
-    if (level == 1.0) return of[1];
-    return exp(log(of[0]) + level * (log(of[1]) - log(of[0])));
-}
-
 enum { Q, QD, BASE_POSE, POSE, TWIST, JACOBIAN, WANTED_POSE, WANTED_TWIST, MODES, APPLIED, APPLIED_BASE, P_STIFFNESS,
        P_DAMPING, OPTIONS, JOINTS, BODIES, LOADED, ARMATURE, MOVED, STATE, POSTURES, TORQUE, BASE_TWIST, FORCE };
 
@@ -193,7 +134,7 @@ static int step(double *const *a, int n, double dt, int flag) {
     const Options *o = (const Options *)a[OPTIONS];
     State next = *(const State *)a[STATE], *s = &next;
     double inverse[MOST_JOINTS * MOST_JOINTS], B[MOST_JOINTS][6], S[6][6], A[6][6], b[6], y[6], F[6], away[6], slip[6];
-    double preferred[MOST_JOINTS], chosen[MOST_JOINTS], offset[MOST_JOINTS], null[MOST_JOINTS], weights[MOST_JOINTS];
+    double postures[3 * MOST_JOINTS], *preferred = postures, null[MOST_JOINTS], weights[MOST_JOINTS];
     double still[MOST_JOINTS] = {0}, independence, changed = 0.0;
     int wide = 3 + n, locomotion = modes[3] > 0.5, closed = modes[2] > 0.5;
     Chain chain;
@@ -212,20 +153,8 @@ static int step(double *const *a, int n, double dt, int flag) {
     s->held_back += changed > HELD_BACK;
 
     /* Priority.update */
-    memcpy(preferred, a[POSTURES], n * sizeof *q);
-    memcpy(chosen, a[POSTURES] + n, n * sizeof *q);
-    memcpy(offset, a[POSTURES] + 2 * n, n * sizeof *q);
-    double part = o->blend > 0.0 ? dt / o->blend : 1.0;
-    if (locomotion && s->locomotion == 0.0) {
-        for (int i = 0; i < n; i++) chosen[i] = q[i], offset[i] = preferred[i] - q[i];
-        s->fade = 1.0;
-    }
-    s->locomotion = locomotion;
-    s->level = locomotion ? least_of(s->level + part, 1.0) : most_of(s->level - part, 0.0);
-    if (s->fade > 0.0) {
-        s->fade = most_of(s->fade - part, 0.0);
-        for (int i = 0; i < n; i++) preferred[i] = offset[i] * s->fade + chosen[i];
-    }
+    memcpy(postures, a[POSTURES], 3 * n * sizeof *q);
+    prefer(&s->priority, postures, locomotion, q, n, o->blend > 0.0 ? dt / o->blend : 1.0);
     ramp(&s->factors[0], a[P_STIFFNESS][0], o->quickest, o->quickest, dt);
     ramp(&s->factors[1], a[P_DAMPING][0], o->quickest, o->quickest, dt);
 
@@ -256,11 +185,11 @@ static int step(double *const *a, int n, double dt, int flag) {
     }
 
     /* _posture */
-    double K0 = between(s->level, o->posture), D0 = 2 * o->ratio * sqrt(K0);
+    double K0 = between(s->priority.level, o->posture), D0 = 2 * o->ratio * sqrt(K0);
     for (int i = 0; i < n; i++) null[i] = K0 * (preferred[i] - q[i]) - D0 * qd[i];
 
     /* WeightedTorque */
-    double eta_B = between_ratios(s->level, o->base), eta_A = between_ratios(s->level, o->arm);
+    double eta_B = between_ratios(s->priority.level, o->base), eta_A = between_ratios(s->priority.level, o->arm);
     double w_b = 1.0 / (eta_B * eta_B), w_a = 1.0 / (eta_A * eta_A), m = 1.0 / o->mass, j_v = 1.0 / o->inertia;
     double u = J[2], v = J[wide + 2], turning = j_v * (u * F[0] + v * F[1] + F[5]);
     for (int i = 0; i < 6; i++) {
@@ -307,9 +236,7 @@ static int step(double *const *a, int n, double dt, int flag) {
         }
 
     *(State *)a[STATE] = next;
-    memcpy(a[POSTURES], preferred, n * sizeof *q);
-    memcpy(a[POSTURES] + n, chosen, n * sizeof *q);
-    memcpy(a[POSTURES] + 2 * n, offset, n * sizeof *q);
+    memcpy(a[POSTURES], postures, 3 * n * sizeof *q);
     memcpy(a[TORQUE], null, n * sizeof *q);
     memcpy(a[BASE_TWIST], twist, sizeof twist);
     memcpy(a[FORCE], F, sizeof F);

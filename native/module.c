@@ -24,9 +24,9 @@
 #define TEXT(x) #x
 #define SPELLED(x) TEXT(x)
 
-static const Law *const LAWS[] = {&tool_pose, &admittance, &moca_impedance, &torque_guard, &velocity_guard,
-                                  &position_guard, &sent_tracker, &command_left, &ur_take, &ur_fill, &felt_wrench,
-                                  &object_mapping, &panda_fill, &panda_torque, &panda_record,
+static const Law *const LAWS[] = {&tool_pose, &admittance, &moca_impedance, &kairos_clik, &torque_guard,
+                                  &velocity_guard, &position_guard, &sent_tracker, &command_left, &ur_take, &ur_fill,
+                                  &felt_wrench, &object_mapping, &panda_fill, &panda_torque, &panda_record,
                                   &panda_watch, NULL};
 
 typedef struct {

@@ -8,7 +8,7 @@ from bench.superman import Decisions
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["moca-man", "sixth-finger"])
+@pytest.mark.parametrize("name", ["moca-man", "kairos-man", "sixth-finger"])
 def test_the_limb_stays_active_through_laps(name: str) -> None:
     with Decisions(name, span=1.3) as decisions:
         assert all(took > 0.0 for took in decisions.cycles(2500).values())

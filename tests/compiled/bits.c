@@ -16,7 +16,7 @@ static double number(void) {
 }
 
 int main(void) {
-    const Law *laws[] = {&tool_pose,      &admittance,   &moca_impedance, &torque_guard, &velocity_guard,
+    const Law *laws[] = {&tool_pose,      &admittance,   &moca_impedance, &kairos_clik, &torque_guard, &velocity_guard,
                          &position_guard, &sent_tracker, &command_left,   &ur_take,      &ur_fill,
                          &felt_wrench,    &object_mapping, &panda_fill,  &panda_torque, &panda_record,   &panda_watch};
     for (size_t i = 0; i < sizeof laws / sizeof *laws; i++) {

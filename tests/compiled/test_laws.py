@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from helpers.compiled import EXACT, ODD, Pair, needs_c
+from helpers.compiled import EXACT, ODD, Pair, difference, needs_c
 from helpers.control import bound
 from helpers.superman import MOUNT
 
@@ -20,6 +20,7 @@ from runtime.contracts.controller import Controller
 from runtime.contracts.signals import Array
 from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
 from runtime.control.cobot.compiled_moca import CompiledMoca
+from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
 from runtime.control.robots import ARMS
@@ -184,7 +185,83 @@ def test_moca_impedance(options: dict[str, Any], name: str) -> None:
     assert pair.fast.rare < 150
 
 
+KAIROS: list[dict[str, Any]] = [
+    {}, {"speed": None, "damping": 0.0, "blend": 0.0},
+    {"base_speed": [0.6, 0.5, 0.7], "base_acceleration": [1.0, 1.0, 1.0], "acceleration": 15.0, "speed": 0.7},
+    {"base_acceleration": [0.1, 3.0, 0.2], "manipulability": 0.2},
+    {"force_feedback": {"load": "identified", "carrying": {"force": 15.0, "torque": 3.0}}, "acceleration": 15.0},
+    {"force_feedback": {"load": "identified", "firm": [1e-3, 1.0], "load_time": 0.003, "release": 0.01},
+     "base_acceleration": [1.0, 1.0, 1.0]},
+]  # fmt: skip
+
+
+def kairos(options: dict[str, Any], robot: Any, guarded: bool) -> KairosClik:
+    law = bound(KairosClik("body", KairosClikConfig.model_validate({"robot": robot, **options})))
+    for name in ("velocity", "base_twist") if guarded else ():
+        cast(dict[str, Array], law.applied)[name] = np.zeros_like(law.output[name])
+    return law
+
+
+@pytest.mark.parametrize("options", KAIROS)
+@pytest.mark.parametrize("name", ["panda", "ur16e"])
+def test_kairos_clik(options: dict[str, Any], name: str) -> None:
+    rng, robot = np.random.default_rng(3), ARMS[name]
+    guarded = name == "ur16e"  # else what it has asked for last counts as sent
+    pair = Pair(lambda: kairos(options, robot, guarded))
+    tool = bound(ToolPose("tool", ToolPoseConfig(robot=robot)), mount=MOUNT)
+    modes, reaching, pressed = np.zeros(4), 1.0, 0.0
+
+    def step(k: int) -> None:
+        nonlocal reaching, pressed
+        if rng.random() < 0.05:
+            modes[2:] = rng.random(2) < 0.5
+        if rng.random() < 0.03:
+            pair.give(str(rng.choice(["speed", "gain"])), rng.uniform(0.1, 1.0), "param")
+        if rng.random() < 0.1:
+            reaching, pressed = float(rng.choice([0.0, 0.01, 1.0])), float(rng.choice([0.1, 5.0, 200.0]))
+        tool.input["q"][:], tool.input["base_pose"][:] = postures(rng, robot), rng.uniform(-4, 4, 3)
+        tool.update(DT)
+        for key in ("q", "base_pose"):
+            pair.give(key, spoil(rng, tool.input[key], 0.01))
+        for key in ("pose", "jacobian"):
+            pair.give(key, spoil(rng, tool.output[key], 0.01))
+        away = np.array([*rng.normal(0, 0.1, 3), *quaternion(rng)])
+        pair.give("desired_pose", spoil(rng, np.array([*(tool.output["pose"][:3] + away[:3]), *away[3:]]), 0.01))
+        pair.give("desired_twist", spoil(rng, reaching * rng.normal(0, 0.3, 6), 0.01))
+        pair.give("modes", modes)
+        if "outside" in pair.python.input:
+            pair.give("outside", spoil(rng, pressed * rng.normal(size=6), 0.01))
+        if guarded:
+            pair.give("velocity", rng.normal(0, 0.3, robot.n), "applied")
+            pair.give("base_twist", rng.normal(0, 0.3, 3), "applied")
+
+    singular = 0
+    for k in range(250):
+        step(k)
+        if k == 0 or rng.random() < 0.03:
+            pair.reset()
+        pair.step(time(rng))
+        for key, a in pair.python.output.items():
+            b = pair.c.output[key]
+            if key == "manipulability":  # its zero is one of the Jacobian's last bits
+                assert np.allclose(a, b, rtol=1e-12, atol=1e-12, equal_nan=True), k
+                singular += a.item() < 1e-6
+            elif key == "contact" and EXACT:
+                assert np.array_equal(a, b, equal_nan=True), k
+            else:
+                assert difference(a, b) < 1e-10, (k, key)
+            b[...] = a  # what each makes of the last bits must not add up
+    pair.fast.leave()
+    a, b = pair.python.figures(), pair.c.figures()
+    assert a["least_manipulability"] == pytest.approx(b["least_manipulability"], abs=1e-12)
+    assert (a["near_singular"], a["slowed"]) == (b["near_singular"], b["slowed"])
+    assert singular > 5
+    assert pair.fast.rare < 150
+
+
 def test_what_it_does_not_do_is_named() -> None:
+    with pytest.raises(NotCompiledError, match="only with an identified load"):
+        compiled(kairos({"force_feedback": {}}, ARMS["ur16e"], False))
     with pytest.raises(NotCompiledError, match="identified"):
         CompiledMoca(moca({"payload": "identified"}, ARMS["panda"], MOUNT))
     with pytest.raises(NotCompiledError, match="force_age"):

@@ -64,6 +64,18 @@ def test_the_finger_of_moca_finger() -> None:
 
 
 @pytest.mark.slow
+def test_kairos() -> None:
+    layout, rows = recorded("kairos-man", 3200, "python")  # the gripper has closed, and the base drives
+    assert np.abs(layout.value(rows, "base.twist_command")).max() > 0.05
+    assert replay(layout, rows, "a test").identical
+    found, scale = in_c(layout, rows), scales(layout, rows)
+    assert {n: d / scale[n] for n, d in found.signals.items() if d > 1e-13 * scale[n]} == {}
+    layout, rows = recorded("kairos-man", 800, "c")
+    assert layout.meta["backend"]["laws"]["body"] == "c"
+    assert replay(layout, rows, "a test").identical
+
+
+@pytest.mark.slow
 def test_moca() -> None:
     layout, rows = recorded("moca-man", 3500, "python")  # the person has taken the handle, and the gripper closes
     assert replay(layout, rows, "a test").identical

@@ -6,9 +6,10 @@ moves. Errata of the paper and additions: docs/super-man.md.
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import cos, prod, sin
 from typing import Any, Final
 
+import eigenpy
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -79,6 +80,7 @@ class KairosClik(Controller):
     """
 
     Config = KairosClikConfig
+    c_version = "runtime.control.cobot.compiled_kairos:CompiledKairos"
     summary = "weighted whole-body inverse kinematics: arm and base in velocity (SUPER-MAN eqs. 10-17)"
 
     def __init__(self, name: str, config: KairosClikConfig) -> None:
@@ -129,6 +131,7 @@ class KairosClik(Controller):
         self._G: Array = np.zeros((6, 6))  # J_a J_a^T
         self._firm: Array = np.diag(1.0 / np.array(config.tracking))  # W_1^-1
         self._equations = Equations()
+        self._triangle = eigenpy.HouseholderQR(n, 6)
         self._turn: rotation.Vector = (0.0, 0.0, 0.0)  # rad, to the desired orientation, without jumps at pi
         self._cycles = self._damped = self._slowed = 0
         self._least = float("inf")
@@ -222,7 +225,9 @@ class KairosClik(Controller):
         """k of eq. 13, from the arm's manipulability of eq. 12."""
         c = self._config
         np.dot(Ja, Ja.T, self._G)
-        w = sqrt(max(self._equations.determinant(self._G), 0.0))
+        # By R of J_a^T = Q R: the determinant itself loses half of the digits near zero, where k changes.
+        self._triangle.compute(Ja.T)
+        w = abs(prod(self._triangle.matrixQR().diagonal().tolist())) if Ja.shape[1] >= len(Ja) else 0.0
         self.output["manipulability"][0] = w
         self._least = min(self._least, w)
         if w >= c.manipulability:

@@ -85,7 +85,7 @@ def test_damping_grows_below_the_threshold_as_equation_13_says(w: float) -> None
     Ja = np.eye(6)
     Ja[0, 0] = w
     k = 1 + 2 * (1 - w / 0.001) ** 2 if w <= 0.001 else 1.0
-    assert controller._damping(Ja) == pytest.approx(k, abs=1e-2 if w < 1e-6 else 1e-6)
+    assert controller._damping(Ja) == pytest.approx(k, abs=1e-12)
 
 
 def test_it_begins_at_rest() -> None:
