@@ -67,7 +67,7 @@ docs: setup
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/docs
 	@echo "site: $(OUT)/docs/index.html"
 
-# All take some 17 minutes on a shared two-core machine, the quick set three. One that fails is reported, and the rest go on.
+# All are meant to take less than 15 minutes on a shared two-core machine, the quick set less than three. One that fails is reported, and the rest go on.
 bench: setup
 	$(BIN)/python -m bench
 

@@ -50,6 +50,8 @@ def main() -> int:
             failed[name] = why
             if not args.json:
                 print(f"  FAILED: {why}", flush=True)
+        if not args.json:
+            print(f"  in {took[name]:g} s", flush=True)
     if args.json:
         print(json.dumps({"benches": [row.figures() for row in rows], "failed": failed, "seconds": took}))
     else:

@@ -24,7 +24,7 @@ from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, Twin, World
 from sim.devices.examples import DEVICES
 
-FRAMES: Final = 1000
+FRAMES: Final = 500
 LEAST: Final = 100
 LONGEST: Final = 10.0  # s a device may take to deliver the frames
 STEP: Final = 1_000_000  # ns of world time between two calls of the twin

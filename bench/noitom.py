@@ -21,6 +21,7 @@ from drivers.noitom.protocol import COUNTS, TextParser, encode_binary, encode_te
 from runtime.contracts.signals import Array
 
 FRAMES: Final = 300
+RATE: Final = 120  # Hz
 AIM: Final = 250.0  # us, 3 % of the time between frames at 120 Hz
 
 clock = time.thread_time_ns  # time that other threads take on this processor counts for neither side
@@ -80,7 +81,11 @@ def _plain(frames: list[bytes]) -> dict[str, float]:
 
 
 class Software:
-    """A broadcast of frames to one client, and the open `driver`."""
+    """A broadcast of frames to one client, and the open `driver`.
+
+    Once it is open, a frame is sent when its time is measured, however fast the machine is. So the driver is told the
+    time at which frames of RATE are due: by the real clock they would be late.
+    """
 
     def __init__(self, encode: Callable[[int], bytes]) -> None:
         self._encode = encode
@@ -90,6 +95,7 @@ class Software:
         self.driver = Noitom("suit", NoitomConfig(port=port))
         self.driver.bind({s.name: np.zeros(s.shape) for s in self.driver.states}, {})
         self._client: socket.socket | None = None
+        self._begun = 0
         self._over = threading.Event()
 
     def __enter__(self) -> Software:
@@ -100,6 +106,7 @@ class Software:
         finally:
             self._over.set()
             thread.join()
+        self._begun = time.monotonic_ns() - self.now()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -115,13 +122,17 @@ class Software:
             before = self.driver.health.frames
             self.send()
             start = clock()
-            self.driver.read(time.monotonic_ns())
+            self.driver.read(self.now())
             spent = clock() - start
             if self.driver.health.frames > before:
                 took.append(spent)
             while self.driver.health.frames == before:  # its rest came later: that isn't the cost of one read
-                self.driver.read(time.monotonic_ns())
+                self.driver.read(self.now())
         return _figures(took)
+
+    def now(self) -> int:
+        """The ns at which the newest frame is due."""
+        return self._begun + self._sent * 1_000_000_000 // RATE
 
     def send(self) -> None:
         """Sends the next frame."""
@@ -133,20 +144,20 @@ class Software:
         took = []
         here, there = socket.socketpair()
         with here, there:
-            for _ in range(FRAMES):
-                there.sendall(self._next())
+            for k in range(FRAMES):
+                there.sendall(self._encode(k))
                 start = clock()
                 here.recv(65536)
                 took.append(clock() - start)
         return _figures(took)
 
     def _serve(self) -> None:
-        """Sends frames at 120 Hz while the driver opens."""
+        """Sends frames at RATE at most while the driver opens."""
         if not select.select([self._door], [], [], 5)[0]:
             return
         self._client, _ = self._door.accept()
         self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        while not self._over.wait(1 / 120):
+        while not self._over.wait(1 / RATE):
             self._client.sendall(self._next())
 
     def _next(self) -> bytes:

@@ -1,4 +1,4 @@
-"""Interleaved pairs: ours, the other, ours again; the median ratio, with an A/A control."""
+"""Interleaved pairs: ours, the other, ours, the other, and so on; the median ratio, with an A/A control."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 PAIRS = 20
 LEAST = 5  # pairs, however long they take
-LONG, BRIEF = 20.0, 5.0  # s after which a measurement takes no further pair; BRIEF in a quick set
+LONG, BRIEF = 12.0, 5.0  # s after which a measurement takes no further pair; BRIEF in a quick set
 QUICK = "SRL_BENCH_QUICK"  # environment: set for a quick set
 
 
@@ -25,7 +25,7 @@ class Row:
         id: the bench's id; several rows may share one.
         ours, other: medians, in `unit`.
         ratio: median over pairs of ours / other.
-        control: median over pairs of ours / ours again: the effect of noise alone.
+        control: median over pairs of ours / the next pair's ours: the effect of noise alone.
         interval, control_interval: 95 % of the bootstrapped medians of both; None where there are no pairs.
         pairs: how many were measured; 0 where there are none.
         aim: in words; holds: whether it is met, None if there is none.
@@ -61,18 +61,20 @@ class PartlyError(Exception):
 def measure(
     ours: Callable[[], dict[str, float]], others: dict[str, Callable[[], dict[str, float]]], pairs: int = PAIRS
 ) -> Pairs:
-    """Runs ours, each other, and ours again, `pairs` times, or as often as the time lasts (`rounds`).
+    """Runs ours and each other in turn, `pairs` times, or as often as the time lasts (`rounds`), and ours at the end.
+
+    So each pair has ours before and after the others: their ratio is the control. Two neighbouring controls share a
+    measurement, so a slow one makes one low and one high; the ratios share nothing.
 
     Each callable returns figures by name (e.g. p50 and p99); all return the same names.
     """
-    first, again = [], []
+    mine = [ours()]
     rest: dict[str, list[dict[str, float]]] = {name: [] for name in others}
     for _ in rounds(pairs):
-        first.append(ours())
         for name, other in others.items():
             rest[name].append(other())
-        again.append(ours())
-    return Pairs(first, again, rest)
+        mine.append(ours())
+    return Pairs(mine[:-1], mine[1:], rest)
 
 
 def rounds(most: int) -> Iterator[int]:

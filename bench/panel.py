@@ -1,4 +1,4 @@
-"""What the operator's panel costs the loop: one run, with the panel's process stopped, working, stopped again, in turn.
+"""What the operator's panel costs the loop: one run, with the panel's process stopped and working in turn.
 
 While it works, a page follows it: one that only reads, as a browser's own work isn't the panel's. All of a run is on
 this machine, with whatever else it does; so the control (stopped / stopped) says what noise alone makes.

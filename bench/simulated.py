@@ -2,7 +2,7 @@
 
 Two figures a profile. The whole run: `srl run PROFILE --sim --fast`, by the clock on the wall, with its supervisor and
 bus beside it. And the cycle alone: the same decisions, fakes and world step by step in one process, by the processor's
-time, which other programs on the machine change less.
+time, which other programs on the machine change less. The runs of `moca-man` also give its phases, against its period.
 """
 
 from __future__ import annotations
@@ -16,21 +16,31 @@ from functools import partial
 from typing import Any, NamedTuple, cast
 
 from bench.pairs import PAIRS, Row, measure
+from runtime.profile import profile
 
 
 class Simulated(NamedTuple):
-    """How a profile is measured. `span`: s of simulated time a run; `aim`: least share of the bare loop's speed."""
+    """How a profile is measured.
+
+    Attributes:
+        span: s of simulated time a run.
+        pairs: at most.
+        aim: least share of the bare loop's speed.
+        phases: the id of the rows of a run's phases; "" for none.
+    """
 
     span: float
     pairs: int
     aim: float | None
+    phases: str
 
 
 PROFILES: dict[str, Simulated] = {
-    "sixth-finger": Simulated(20.0, PAIRS, 0.4),
-    "moca-man": Simulated(3.0, PAIRS // 2, None),
+    "sixth-finger": Simulated(20.0, PAIRS, 0.4, ""),
+    "moca-man": Simulated(3.0, PAIRS // 2, None, "superman-simulated"),
 }
-_BARE = "bare mj_step loop"
+_BARE, _PERIOD = "bare mj_step loop", "the period"
+_PHASES = ("read", "control", "guard", "write", "log", "whole")
 
 
 def sixth_finger() -> list[Row]:
@@ -44,22 +54,30 @@ def moca_man() -> list[Row]:
 
 
 def _run(name: str) -> list[Row]:
-    span, count, aim = PROFILES[name]
+    span, count, aim, phases = PROFILES[name]
     command = [sys.executable, "-m", "runtime", "run", name, "--sim", "--instance", "bench", "--json", "--fast"]
+    stepped = [sys.executable, "-m", "bench.simulated", name]
 
-    def whole() -> dict[str, float]:
-        return {"speed": _said([*command, "--duration", str(span)])["realtime_factor"]}
+    def ours() -> dict[str, float]:
+        run = _said([*command, "--duration", str(span)])
+        figures = {"run": run["realtime_factor"], "cycle": _said([*stepped, "cycle"])["cpu"]}
+        return figures | run["phases_us"] | {"whole": run["cycle_us"]["p50"]}
 
-    def alone(which: str) -> dict[str, float]:
-        return _said([sys.executable, "-m", "bench.simulated", name, which])
+    def bare() -> dict[str, float]:
+        found = _said([*stepped, "bare"])
+        return {"run": found["wall"], "cycle": found["cpu"]}
 
     words = "" if aim is None else f"at least {aim:g}"
     holds = None if aim is None else lambda ratio: ratio >= aim
-    runs = measure(whole, {_BARE: lambda: alone("bare")}, count)
-    cycles = measure(lambda: alone("cycle"), {_BARE: lambda: alone("bare, by the processor")}, count)
+    period = dict.fromkeys(_PHASES, 1e6 / float(profile.load(name)[0].rate))
+    pairs = measure(ours, {_BARE: bare, _PERIOD: lambda: period}, count)
     return [
-        runs.row(f"sim-{name}", f"{name}, simulated speed with --fast", "speed", _BARE, "s/s", words, holds),
-        cycles.row(f"sim-{name}", f"{name}, its cycle alone, by processor time", "speed", _BARE, "s/s"),
+        pairs.row(f"sim-{name}", f"{name}, simulated speed with --fast", "run", _BARE, "s/s", words, holds),
+        pairs.row(f"sim-{name}", f"{name}, its cycle alone, by processor time", "cycle", _BARE, "s/s"),
+        *(
+            pairs.row(phases, f"{name} --sim --fast, {phase}, p50", phase, _PERIOD, "us")
+            for phase in (_PHASES if phases else ())
+        ),
     ]
 
 
@@ -68,12 +86,12 @@ def _said(command: list[str]) -> dict[str, Any]:
     return found
 
 
-def _speed(name: str, which: str) -> float:
-    """Simulated s per s; only the stepping is timed."""
+def _speed(name: str, which: str) -> dict[str, float]:
+    """Simulated s per s of the wall's clock and of the processor; only the stepping is timed."""
     import mujoco
 
     from runtime.loop.lockstep import Lockstep
-    from runtime.profile import profile, wiring
+    from runtime.profile import wiring
     from sim.world.cell import Cell
 
     checked, source = profile.load(name)
@@ -86,12 +104,11 @@ def _speed(name: str, which: str) -> float:
     else:
         world.advance(10_000_000)
         steps, step = round(span / world.model.opt.timestep), partial(mujoco.mj_step, world.model, world.data)
-    clock = time.perf_counter if which == "bare" else time.thread_time
-    begun = clock()
+    wall, cpu = time.perf_counter(), time.thread_time()
     for _ in range(steps):
         step()
-    return span / (clock() - begun)
+    return {"wall": span / (time.perf_counter() - wall), "cpu": span / (time.thread_time() - cpu)}
 
 
 if __name__ == "__main__":
-    print(json.dumps({"speed": _speed(*sys.argv[1:])}))
+    print(json.dumps(_speed(*sys.argv[1:])))

@@ -79,7 +79,7 @@ def _latency() -> list[Row]:
                 software.send()
                 start = time.perf_counter_ns()
                 while driver.health.frames == before:
-                    driver.read(time.monotonic_ns())
+                    driver.read(software.now())
                 kinematics.nodes(states["rotation"], states["translation"], right)
                 took.append((time.perf_counter_ns() - start) / 1e3)
             return {name: float(np.percentile(took, share)) for name, share in (("p50", 50), ("p99", 99))}

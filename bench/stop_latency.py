@@ -41,7 +41,7 @@ from runtime.loop import process as loop_process
 from runtime.loop.control_end import ControlEnd
 from runtime.service import supervisor as service
 
-TRIALS = 30
+TRIALS = 20
 OVERRUN = 1.5  # periods that an overrunning loop's cycle takes
 SPAN = (0.2, 1.2)  # s of overrunning before its death: the kernel throttles by the second
 PATIENCE = 10.0  # s

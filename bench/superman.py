@@ -1,8 +1,8 @@
 """SUPER-MAN: the cost of MOCA's cycle at 1 kHz by phase, and its laws compared with mink and pink on the same task.
 
-A simulated run's phases come with MuJoCo's part of each, as it was measured (`bench.phases`). The cycle's decisions
-(control, guard, log) are also measured separately, over the rows of a simulated run: back to back, and once per
-millisecond, when other programs have used the caches in between.
+MuJoCo's part of each phase is as it was measured (`bench.phases`); a whole run's phases are of the runs of
+`sim-moca-man`. The cycle's decisions (control, guard, log) are measured separately, over the rows of a simulated run:
+back to back, and once per millisecond, when other programs have used the caches in between.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from bench import differential_ik, phases
-from bench.pairs import PAIRS, Pairs, Row, measure, rounds
+from bench.pairs import PAIRS, Pairs, Row, rounds
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.words import CYCLE, DEVICE, State
 from runtime.loop import realtime
@@ -39,22 +39,8 @@ _CYCLE, _NOW, _DT = CYCLE.cycle, CYCLE.now, CYCLE.dt
 
 
 def run() -> list[Row]:
-    """Measures the simulated run's phases, the decisions alone, and overruns compared with a bare timer's."""
-    return [*_simulated(), *_alone(), *differential_ik.run()]
-
-
-def _simulated() -> list[Row]:
-    def ours() -> dict[str, float]:
-        arguments = ["run", "moca-man", "--sim", "--fast", "--instance", "bench", "--duration", str(SPAN), "--json"]
-        command = [sys.executable, "-m", "runtime", *arguments]
-        found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-        return found["phases_us"] | {"whole": found["cycle_us"]["p50"]}
-
-    period = dict.fromkeys(("read", "control", "guard", "write", "log", "whole"), 1e6 / RATE)
-    pairs = measure(ours, {"the period": lambda: period}, PAIRS // 2)
-    what = "moca-man --sim --fast, {}, p50"
-    rows = [pairs.row("superman-simulated", what.format(name), name, "the period", "us") for name in period]
-    return rows + phases.run("superman-simulated", "moca-man")
+    """Measures MuJoCo's part of each phase, the decisions alone, and overruns compared with a bare timer's."""
+    return [*phases.run("superman-simulated", "moca-man"), *_alone(), *differential_ik.run()]
 
 
 def _alone() -> list[Row]:

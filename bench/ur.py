@@ -65,14 +65,12 @@ def run() -> list[Row]:
 
 def _measured(window: Callable[[], tuple[float, float]], where: str) -> Row:
     """Both receive at the same time, and each window gives both figures; ours again is that of the next window."""
-    first, again, theirs = [], [], []
+    both = [window()]
     for _ in rounds(PAIRS):
-        ours, vendor = window()
-        first.append({"cpu": ours})
-        theirs.append({"cpu": vendor})
-        again.append({"cpu": window()[0]})
+        both.append(window())
+    ours, vendors = ([{"cpu": figures[side]} for figures in both] for side in (0, 1))
     what = f"RTDE at 500 Hz, CPU time of the receiving thread a packet{where}"
-    pairs = Pairs(first, again, {"ur_rtde": theirs})
+    pairs = Pairs(ours[:-1], ours[1:], {"ur_rtde": vendors[:-1]})
     return pairs.row("ur-rtde-receive", what, "cpu", "ur_rtde", "us", "not more", lambda ratio: ratio <= 1.0)
 
 
