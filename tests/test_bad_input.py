@@ -61,6 +61,18 @@ WRONG_TEXTS = {
         ["line", "the alias '*a'", "Write one of the two out"],
     ),
     "rate out of range": (("rate: 100 ", "rate: 0 "), ["rate", "1 to 10000"]),
+    "an age that the loop would take for none": (
+        ("sensors: 22}", "sensors: 22, max_age: 1.0e-10}"),
+        ["devices.glove.max_age", "0.000001"],
+    ),
+    "an age beyond all counting": (
+        ("sensors: 22}", "sensors: 22, max_age: 1.0e+300}"),
+        ["devices.glove.max_age", "1000000"],
+    ),
+    "a window without end": (
+        ("window: 1.0,", "window: .inf,"),
+        ["faults.overrun.window", "finite number"],
+    ),
     "key twice": (("rate: 100 ", "rate: 100\nrate: 100 "), ["line", "rate"]),
     "not YAML": (("devices:", "devices: ["), ["line", "YAML"]),
     "category it can't do": (("stop: {finger: hold}", "stop: {finger: damp}"), ["stop.finger", "damp", "hold"]),

@@ -42,6 +42,7 @@ from runtime.profile.wire import Input, Output
 
 SLUG = r"^[a-z][a-z0-9_-]*$"
 SIGNAL = r"^[a-z][a-z0-9_-]*(\.[a-z][a-z0-9_-]*)+$"
+Span = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]  # s; the loop counts ns, in which less may be none
 
 
 class Part(BaseModel):
@@ -56,7 +57,7 @@ class DeviceEntry(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
 
     driver: str
-    max_age: float | None = Field(None, gt=0, allow_inf_nan=False, description="s; older than this a sample is stale")
+    max_age: Span | None = Field(None, description="s; older than this a sample is stale")
     robot: RobotEntry | None = Field(
         None, description="for pictures: a description, a model, {axes: ...}, or {urdf: FILE, base: LINK, tip: LINK}"
     )
@@ -88,9 +89,7 @@ class SetpointEntry(Part):
 
     shape: tuple[int, ...]
     unit: str
-    max_age: float = Field(
-        0.5, gt=0, allow_inf_nan=False, description="s; older than this it is stale, a loss of intent"
-    )
+    max_age: Span = Field(0.5, description="s; older than this it is stale, a loss of intent")
     frame: str | None = None
     labels: tuple[str, ...] = Field((), description="names of its elements; needed where it has several")
     slots: bool = Field(False, description="its rows have no names")
@@ -135,7 +134,7 @@ class OverrunLadder(Part):
     """The reactions to overruns: none up to `tolerate` in `window`, then less telemetry, a safe stop at `stop`."""
 
     tolerate: int = Field(5, ge=0)
-    window: float = Field(1.0, gt=0, description="s")
+    window: Span = Field(1.0, description="s")
     stop: int = Field(20, ge=1, description="overruns in the window that stop the limb")
 
 
