@@ -26,6 +26,7 @@ from typing import IO, Any, Final
 
 import numpy as np
 
+from bench import standstill
 from runtime.contracts.errors import HostError, SrlError
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.layout import Layout
@@ -134,6 +135,9 @@ class Soak:
         seconds: how long it was watched.
         cycles, active: cycles that were seen, and in how many of them the limb was active.
         lost: periods that the loop missed; rows that overtook this reader are in `unseen`.
+        losses: where it missed them: begin and end, ns of CLOCK_MONOTONIC, and how many.
+        own: those of `lost` in which the machine itself didn't stand still (bench/standstill.py).
+        longest: s, for which the machine stood still.
         resets: how often the limb was started again, by cause.
         ended: why it ended before its time; "" if it didn't.
     """
@@ -144,6 +148,10 @@ class Soak:
     cycles: int = 0
     active: int = 0
     lost: int = 0
+    losses: list[tuple[int, int, int]] = field(default_factory=list)
+    now: int = 0  # of the newest row
+    own: int = 0
+    longest: float = 0.0
     unseen: int = 0
     resets: dict[str, int] = field(default_factory=dict)
     ended: str = ""
@@ -171,6 +179,8 @@ def soak(
             command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--rate", f"{looks:g}", "--json"]
             watched["twins"] = stack.enter_context(_begun(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
+        gaps = stack.enter_context((folder / "gaps").open("w+"))
+        stack.enter_context(_begun([sys.executable, "-m", "bench.standstill"], out=gaps))
         own = ["faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
         if rate is not None:
             own += [f"rate={rate:g}", "clock=monotonic"]
@@ -186,6 +196,9 @@ def soak(
                 run.kill()
                 said.seek(0)
                 made.ended = f"{error} {said.read().strip()[-600:]}"
+        still = np.array((folder / "gaps").read_text().split(), np.int64).reshape(-1, 2)
+        made.longest = float(np.ptp(still, axis=1).max(initial=0)) * 1e-9
+        made.own = standstill.own(np.array(made.losses, np.int64).reshape(-1, 3), still, 1e9 / (made.rate or 1.0))
     return made
 
 
@@ -231,7 +244,12 @@ def _take(made: Soak, reader: RingReader) -> None:
     while len(rows := reader.take()):
         made.cycles += len(rows)
         made.active += int(np.count_nonzero(rows[:, CYCLE.state] == State.ACTIVE))
-        made.lost = int(rows[-1, CYCLE.overruns])
+        before = made.now, made.lost
+        made.now, made.lost = int(rows[-1, CYCLE.now]), int(rows[-1, CYCLE.overruns])
+        if made.lost > before[1]:
+            times = np.concatenate([before[:1], rows[:, CYCLE.now]])
+            lost = np.diff(rows[:, CYCLE.overruns], prepend=before[1])
+            made.losses += [(int(times[i]), int(times[i + 1]), int(lost[i])) for i in np.flatnonzero(lost)]
 
 
 def _children(pid: int) -> dict[str, int]:
@@ -258,8 +276,10 @@ def _set(overrides: list[str]) -> list[str]:
 
 
 @contextmanager
-def _begun(command: list[str], said: IO[str] | None = None) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, stdin=subprocess.DEVNULL, text=True)
+def _begun(
+    command: list[str], said: IO[str] | None = None, out: IO[str] | int = subprocess.PIPE
+) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(command, stdout=out, stderr=said, stdin=subprocess.DEVNULL, text=True)
     try:
         yield process
     finally:
@@ -314,11 +334,12 @@ def main() -> int:
         print(f"\nbench.soak: {error}", file=sys.stderr)
         return 2
     whole = bool(made.summary.get("recording_complete"))
-    good = not made.ended and whole and not made.lost and "loop" in lines and not lines["loop"].main
+    good = not made.ended and whole and not made.own and "loop" in lines and not lines["loop"].main
     good &= all(line.open_ended <= line.open_begun for line in lines.values())
     figures = {
         "profile": args.profile, "on": "fakes" if args.sim else "twins", "rate_hz": made.rate,
         "minutes": round(made.seconds / 60, 1), "cycles": made.cycles, "active": made.active, "lost": made.lost,
+        "lost_by_itself": made.own, "machine_stood_still_s": round(made.longest, 3),
         "unseen": made.unseen, "resets": made.resets, "recording_complete": whole,
         "restarts": made.summary.get("restarts"), "ended_early": made.ended, "good": good,
     }  # fmt: skip

@@ -5,10 +5,13 @@ from __future__ import annotations
 import mmap
 import os
 from contextlib import ExitStack, nullcontext
+from typing import Any
 
+import numpy as np
 import pytest
 
 from bench.soak import Watched
+from bench.standstill import own
 
 
 def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
@@ -30,3 +33,22 @@ def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
     assert line.open_most == line.open_begun + 2
     assert line.main > 0.5 * 60 * (1 << 20) / os.sysconf("SC_PAGE_SIZE")
     assert watched.judged(warm_up=38.0) is None
+
+
+@pytest.mark.parametrize(
+    ("losses", "gaps", "lost"),
+    [
+        ([(0, 30, 2)], [(4, 29)], 0),  # it stood still for nearly both
+        ([(0, 30, 2)], [(4, 12)], 2),  # not for so long
+        ([(0, 30, 2)], [(100, 130)], 2),  # at another time
+        ([(0, 30, 2), (50, 70, 1)], [(0, 28)], 1),
+        ([(0, 30, 2)], [], 2),
+        ([], [(0, 30)], 0),
+    ],
+)
+def test_a_period_is_the_loops_own_loss_unless_the_machine_stood_still(losses: Any, gaps: Any, lost: int) -> None:
+    ms = 1_000_000
+    found = own(
+        np.array(losses, np.int64).reshape(-1, 3) * [ms, ms, 1], np.array(gaps, np.int64).reshape(-1, 2) * ms, 10 * ms
+    )
+    assert found == lost

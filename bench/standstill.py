@@ -1,0 +1,73 @@
+"""When the machine itself stood still: a process on each processor, above all others, that only sleeps and wakes.
+
+    python -m bench.standstill      # a line for each gap, until SIGTERM: its begin and its end, ns of CLOCK_MONOTONIC
+
+A virtual machine whose host pauses it, or gives its processor away, loses periods of any loop. What a loop loses while
+nothing wakes this process isn't the loop's own.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+PRIORITY: Final = 95  # of SCHED_FIFO: above the loop's
+NAP: Final = 0.002  # s
+GAP: Final = 4_000_000  # ns from one waking to the next that count
+
+
+def watch(processor: int) -> None:
+    """Prints the gaps on a processor until it is ended."""
+    os.sched_setaffinity(0, {processor})
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    last = time.monotonic_ns()
+    while True:
+        time.sleep(NAP)
+        now = time.monotonic_ns()
+        if now - last > GAP:
+            print(last, now, flush=True)
+        last = now
+
+
+def own(losses: NDArray[np.int64], gaps: NDArray[np.int64], period: float) -> int:
+    """How many of the lost periods the loop lost by itself.
+
+    Args:
+        losses: (k, 3) begin and end, ns, of the time in which the loop missed periods, and how many.
+        gaps: (m, 2) begin and end, ns, of the times in which the machine stood still.
+        period: ns, of the loop.
+    """
+    found = 0
+    for begin, end, lost in losses.tolist():
+        still = np.minimum(gaps[:, 1], end) - np.maximum(gaps[:, 0], begin)
+        # The longest of the processors' gaps. A loop misses a period if it is held up for what its cycle leaves of one.
+        if len(gaps) == 0 or still.max() < 0.8 * lost * period:
+            found += lost
+    return found
+
+
+def main() -> int:
+    """Watches every processor that this process may use."""
+    children = []
+    for processor in sorted(os.sched_getaffinity(0)):
+        if not (child := os.fork()):
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            watch(processor)
+        children.append(child)
+    signal.signal(signal.SIGTERM, lambda *_: None)
+    signal.pause()
+    for child in children:
+        os.kill(child, signal.SIGTERM)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
