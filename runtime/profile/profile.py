@@ -42,7 +42,8 @@ from runtime.profile.wire import Input, Output
 
 SLUG = r"^[a-z][a-z0-9_-]*$"
 SIGNAL = r"^[a-z][a-z0-9_-]*(\.[a-z][a-z0-9_-]*)+$"
-Span = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]  # s; the loop counts ns, in which less may be none
+SPANS = 1e-6, 1e6  # s, the least and the most: the loop counts ns, in which less may be none
+Span = Annotated[float, Field(ge=SPANS[0], le=SPANS[1], allow_inf_nan=False)]
 
 
 class Part(BaseModel):

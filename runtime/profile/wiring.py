@@ -22,14 +22,14 @@ from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
 from runtime.ipc.stop_slots import SLOTS
-from runtime.profile import buses, calibrated_frames, clearances, controllers, keys, measured_frames
+from runtime.profile import buses, calibrated_frames, clearances, controllers, keys, measured_frames, switches
 from runtime.profile.builder import Builder
 from runtime.profile.doubts import doubts
 from runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
 from runtime.profile.pictured import pictured, with_a_place
-from runtime.profile.profile import Profile
+from runtime.profile.profile import SPANS, Profile
 from runtime.profile.robots import remarks as robot_remarks
 from runtime.profile.source import Source
 from runtime.profile.transforms import Found
@@ -153,6 +153,9 @@ def _devices(b: Builder, world: World | None) -> list[Driver]:
             raise ProfileError(b.source.place(f"{path}.{device.simulated}"), problem, "Calibrate the real one")
         if entry.max_age is not None:
             device.max_age = entry.max_age
+        if device.states and not SPANS[0] <= device.max_age <= SPANS[1]:
+            problem = f"driver '{entry.driver}' doesn't say when its samples are stale (max_age: {device.max_age})"
+            raise WiringError(b.source.place(path), problem, "Nobody would notice its silence: give it a `max_age` (s)")
         for signal in device.states:
             b.add(f"{name}.{signal.name}", signal, "state", f"device '{name}'", path)
     if b.profile.sim is not None:
@@ -222,41 +225,8 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver], cleared: dict[st
             raise WiringError(
                 b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands)
             )
-    _emergency_inputs(b)
-    _reset_inputs(b, devices)
+    switches.check(b, devices)
     measured_frames.check_signals(b)
-
-
-def _emergency_inputs(b: Builder) -> None:
-    """An emergency input is read in every state: what a law makes stands still while the limb is stopped."""
-    for i, entry in enumerate(b.profile.emergency):
-        place = b.source.place(f"emergency.{i}")
-        entry.find(b.signals, place)
-        if b.layout.fields[entry.signal].role not in ("state", "setpoint"):
-            problem = f"'{entry.signal}' is what no device or client says, so nobody could tell whether it still holds"
-            raise WiringError(place, problem, "Name a device's state: the switch itself")
-
-
-def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
-    """A reset input is a button of a device: what a client or a law writes would release a person's stop."""
-    states = {f"{d.name}.{s.name}" for d in devices for s in d.states}
-    stops = {(e.signal, e.find(b.signals, "")) for e in b.profile.emergency}
-    real = [d.name for d in devices if d.commands and d.name not in b.simulated]
-    elsewhere = {d.name: "gives what another machine or a recording says" for d in devices if not d.here}
-    if real:
-        elsewhere |= {name: f"is simulated, and '{real[0]}' is real" for name in b.simulated}
-    for i, entry in enumerate(b.profile.reset.inputs):
-        path = f"reset.inputs.{i}"
-        if entry.signal in b.signals and entry.signal not in states:
-            problem = f"'{entry.signal}' isn't the state of a device, and only a button of a device may reset"
-            raise WiringError(b.source.place(path), problem, f"Name one of: {', '.join(sorted(states)) or 'none'}")
-        name = entry.find(b.signals, b.source.place(path))
-        if (entry.signal, name) in stops:
-            problem = f"'{entry.signal}[{name}]' is an emergency input, whose release must not reset"
-            raise WiringError(b.source.place(path), problem, "Wire a button of its own")
-        if why := elsewhere.get(entry.signal.partition(".")[0]):
-            problem = f"'{entry.signal}' is no button that a person presses here: its device {why}"
-            raise WiringError(b.source.place(path), problem, "Wire a button of this machine, or remove this input")
 
 
 def _feedback(b: Builder, device: Driver, command: Command) -> Link | None:

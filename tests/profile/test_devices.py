@@ -94,6 +94,13 @@ def test_a_driver_must_declare_how_it_sends(
     assert "sent_arrays" in str(caught.value)
 
 
+@pytest.mark.parametrize("max_age", [0.0, 1e-10, float("inf"), float("nan")])
+def test_a_device_whose_silence_nobody_would_notice_is_refused(monkeypatch: pytest.MonkeyPatch, max_age: float) -> None:
+    monkeypatch.setattr(Toy, "max_age", max_age)
+    with pytest.raises(WiringError, match=r"devices\.hand.*driver 'toy' doesn't say when its samples are stale"):
+        build(monkeypatch)
+
+
 def test_a_sensor_that_declares_commands_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     class Silent(Sensor, Toy):
         """Its commands would never be sent."""
