@@ -46,7 +46,7 @@ class Row:
         """Rounds the simulated world's true values to the precision of float32, 2^-24 of the value.
 
         A simulation has no more of the truth than that, and the other bits, which follow nothing, would take a third
-        of a recording. Infinity and NaN stay.
+        of a recording. Infinity stays, and so does NaN as arithmetic makes it: one with all bits set becomes a zero.
         """
         np.add(self.truth, _HALF, out=self.truth)
         np.bitwise_and(self.truth, _KEPT, out=self.truth)
