@@ -127,6 +127,8 @@ class Merger:
                     self._size = 0  # torn in what comes before the first rows
             os.ftruncate(file, self._size)
             os.lseek(file, self._size, os.SEEK_SET)
+            for folder in (self.path.parent, self._target.parent):  # before a segment goes, this file's name is kept
+                _sync(folder)
         except BaseException:
             os.close(file)
             raise

@@ -206,6 +206,34 @@ def test_at_the_end_nothing_is_packed_and_a_merge_under_way_gives_way(
     assert shown.count("/glove/position") == 2, "its names, and its numbers once"
 
 
+def test_what_was_merged_is_on_the_disk_with_its_name_before_its_segment_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut leaves the rows in one place or the other."""
+    out, layout = tmp_path / "out.rrd", make_layout()
+    make_segments(folder_of(out), layout, 300)
+    done: list[str] = []
+    sync, unlink = os.fsync, Path.unlink
+
+    def kept(descriptor: int) -> None:
+        done.append(f"{Path(os.readlink(f'/proc/self/fd/{descriptor}')).name} kept")
+        sync(descriptor)
+
+    def gone(path: Path, missing_ok: bool = False) -> None:
+        done.append(f"{path.name} gone")
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(os, "fsync", kept)
+    monkeypatch.setattr(Path, "unlink", gone)
+    merging = merger(out)
+    merging.merge(numbered(folder_of(out)))
+    before = done[: done.index("000001.rrd gone")]
+    assert set(before) == {"out.rrd.segments kept", f"{tmp_path.name} kept", "000000.rrd kept"}
+    done.clear()
+    merging.finish()
+    assert done[-1] == f"{tmp_path.name} kept", "the recording's own name"
+
+
 @pytest.mark.parametrize("call", ["write", "fsync", "pread", "unlink", "rename"])
 def test_whatever_fails_in_a_merge_loses_nothing_and_is_made_good_by_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str

@@ -22,7 +22,7 @@ from runtime.loop.control_end import ControlEnd
 from runtime.recorder.process import Recorder
 from runtime.recorder.stream import Stream
 from runtime.recording import keep
-from runtime.recording.index import MADE_OF
+from runtime.recording.index import MADE_OF, Entry
 from runtime.recording.keep import LEDGER, Keep, make_room
 from runtime.recording.segments import folder_of
 
@@ -175,6 +175,27 @@ def test_no_deletion_goes_unrecorded(tmp_path: Path, save: Save, monkeypatch: py
     make_room(tmp_path, room, (), lambda text: None)
     assert ledger(tmp_path) == ["old.rrd", "old.rrd"]
     assert names(tmp_path) == []
+
+
+def test_a_deletion_is_written_down_on_the_disk_before_the_file_goes(
+    tmp_path: Path, save: Save, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut may leave a line too many, never one too few."""
+    old, done, sync, delete = save("old.rrd", 31), [], os.fsync, keep.delete
+
+    def kept(descriptor: int) -> None:
+        done.append(f"{Path(os.readlink(f'/proc/self/fd/{descriptor}')).name} kept")
+        sync(descriptor)
+
+    def gone(entry: Entry) -> None:
+        done.append(f"{entry.name} gone")
+        delete(entry)
+
+    monkeypatch.setattr(os, "fsync", kept)
+    monkeypatch.setattr(keep, "delete", gone)
+    make_room(tmp_path, Keep(days=30.0), (), lambda text: None)
+    assert done == [f"{LEDGER} kept", "old.rrd gone"]
+    assert not old.exists()
 
 
 def test_a_running_recorder_makes_room_and_never_of_its_own(
