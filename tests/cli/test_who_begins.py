@@ -14,6 +14,15 @@ def test_a_worn_arm_waits_unless_nothing_is_real(name: str, sim: list[str] | Non
     assert automatic(wiring.build(*profile.load(name), sim), True)[0] is begins
 
 
+@pytest.mark.parametrize(("sim", "confirmed", "begins"), [(None, False, False), (None, True, True), ([], False, True)])
+def test_a_limb_that_nothing_measures_waits_for_a_person_who_has_placed_it(
+    sim: list[str] | None, confirmed: bool, begins: bool
+) -> None:
+    found, said = automatic(wiring.build(*profile.load("sixth-finger"), sim), confirmed)
+    assert found is begins
+    assert ("no position feedback" in said) is not begins
+
+
 def test_a_device_that_is_named_twice_counts_once() -> None:
     graph = wiring.build(*profile.load("human-srl"), ["suit", "suit"])
     assert graph.simulated == ["suit"]

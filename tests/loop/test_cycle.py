@@ -222,6 +222,23 @@ def test_a_loss_in_write_is_seen_however_soon_it_is_back(tmp_path: Path) -> None
     assert b.states[-1][1] is Cause.DEVICE_LOSS
 
 
+@pytest.mark.parametrize("read", [np.nan, np.inf, -np.inf])
+def test_an_emergency_input_that_is_no_number_stops_as_a_pressed_one(tmp_path: Path, read: float) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        b.panel.values["buttons"][3] = read if 50 <= k < 80 else 0.0
+        if k in (70, 90):
+            b.ask("reset")
+
+    b.run(100, script)
+    assert b.word("state")[50] in (State.STOPPING, State.STOPPED)
+    assert b.word("cause")[50] == Cause.EMERGENCY
+    assert b.states[85] == (State.STOPPED, Cause.EMERGENCY)
+    assert b.word("request_result")[70] == Answer.REFUSED_FAULT
+    assert b.states[-1][0] is State.ACTIVE
+
+
 def test_a_pressed_stop_button_refuses_the_reset(tmp_path: Path) -> None:
     b = Bench(tmp_path)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import stat
 import subprocess
 import sys
 import threading
@@ -232,6 +233,19 @@ def test_the_ring_asks_for_nothing_that_is_the_services(desk: Desk) -> None:
     for kind in (RequestKind.EXIT, RequestKind.FAULT, RequestKind.STOP):
         desk.ring.send(kind, 1 << 62)
     assert [(p.request.kind, p.request.origin) for p in desk.all()] == [(RequestKind.STOP, Origin.BUS)]
+
+
+def test_a_client_of_the_bus_cant_pass_for_a_person_or_the_service(desk: Desk) -> None:
+    """Not even where the bus's process writes so."""
+    for origin in (Origin.LOCAL, Origin.INPUT, Origin.SERVICE, Origin.NONE):
+        for kind in (RequestKind.RESET, RequestKind.STOP):
+            desk.ring.send(kind, soon(), origin=origin)
+    assert desk.all() == []
+
+
+def test_the_sockets_are_for_the_services_user_and_its_group(desk: Desk) -> None:
+    for path in (desk.folder.loop_socket, desk.folder.stop_socket):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o660
 
 
 def test_descriptors_that_a_sender_passes_are_dropped(desk: Desk) -> None:

@@ -88,6 +88,7 @@ def test_one_that_takes_nothing_is_reported_and_delays_no_other(
                 ours.send(b"x")
         except BlockingIOError:
             pass
+        ours.setblocking(True)  # as some driver may have it: the supervisor doesn't rely on that
         both = held(ours.fileno())
         both._slots.write(1, (b"stop",))
         both.hold(1, "hand", os.dup(other.fileno()))

@@ -62,6 +62,15 @@ def test_a_run_that_ends_well_leaves_what_stands(host: Host) -> None:
     assert host.begin().latches == Latch.PERSON
 
 
+@pytest.mark.parametrize("latch", [latch for latch in Latch if latch is not Latch.START])
+def test_every_latch_but_that_of_the_first_start_outlives_its_run(host: Host, latch: Latch) -> None:
+    run = host.begin()
+    host.row(latch | Latch.START)
+    run.follow(host.rows)
+    run.close(well=True)
+    assert host.begin().latches == latch
+
+
 def test_a_bad_end_is_gone_only_once_a_reset_released_it(host: Host) -> None:
     run = host.begin()
     host.row(NONE)
