@@ -38,10 +38,13 @@ def test_a_stop_leaves_the_line_neither_when_held_nor_when_told_to():
     assert off[False] > 1e-3
 
 
-@pytest.mark.parametrize("timeout", [0.02, 0.3])
-def test_a_velocity_is_checked_as_if_the_loop_came_late_or_not_at_all(timeout):
-    """The limb goes on at what it was told, until the loop is back or the device ends it by itself; then it brakes."""
-    scene, seen = Scene(Kind.VELOCITY, start=(-1.0, 0.0), timeout=timeout), list[Braking]()
+@pytest.mark.parametrize(("timeout", "measured"), [(0.02, 0.0), (0.3, 0.0), (0.02, 0.04)])
+def test_a_velocity_is_checked_as_if_the_loop_came_late_or_not_at_all(timeout, measured):
+    """The limb goes on at what it was told, until the loop is back or the device ends it by itself; then it brakes.
+
+    Where it was measured some time ago, it has gone on since.
+    """
+    scene, seen = Scene(Kind.VELOCITY, start=(-1.0, 0.0), timeout=timeout, measured=measured), list[Braking]()
     judge = scene.clearance.clear
 
     def keep(motion: Braking) -> bool:
@@ -52,8 +55,8 @@ def test_a_velocity_is_checked_as_if_the_loop_came_late_or_not_at_all(timeout):
     for _ in range(30):
         scene.step((0.5, 0.1))
     at, late = scene.at - DT * scene.applied, max(LONGEST * DT, timeout)
-    path, until = seen[-1].path, seen[-1].until
-    assert path[:4] == pytest.approx(at + np.outer([0.0, LAG, LAG + DT, LAG + DT + late], scene.applied))
+    path, until, obeys = seen[-1].path, seen[-1].until, measured + LAG
+    assert path[:4] == pytest.approx(at + np.outer([0.0, obeys, obeys + DT, obeys + DT + late], scene.applied))
     assert until[1:4] == pytest.approx([LAG, LAG + DT, LAG + DT + late])
 
 

@@ -21,14 +21,16 @@ wanted = st.tuples(st.floats(-3, 3), st.floats(-3, 3))
 
 
 class Scene:
-    """An arm that obeys each command `late` s later, and a disc that is seen `age` s late.
+    """An arm that obeys each command `late` cycles later, and a disc that is seen `age` s late.
+
+    `measured`: s, the age that the guard is told of the arm's measured position.
 
     `seen` and `speed` are the disc's as the clearance is told; tests move them.
     """
 
     def __init__(
         self, kind: Kind = Kind.POSITION, start: tuple[float, float] = (0.0, 0.0), late: int = 0, age: float = 0.02,
-        tracking: float = 0.0, timeout: float = 0.02, **limits: Any,
+        tracking: float = 0.0, timeout: float = 0.02, measured: float = 0.0, **limits: Any,
     ) -> None:  # fmt: skip
         command = Command(name="command", shape=(2,), unit="rad", kind=kind, labels=LABELS)
         self.clearance = PlanarClearance("guard.arm.clear", PlanarConfig(acceleration=A_H, least=C), command)
@@ -39,7 +41,7 @@ class Scene:
         self.guard.bind(self.applied, self.at)
         self.guard.keep_clear(self.clearance, LAG, np.full(2, tracking), timeout)
         self.guard.reset(self.at)
-        self.age, self.now = age, 10_000_000_000
+        self.age, self.measured, self.now = age, measured, 10_000_000_000
         rest = self.at.copy() if kind is Kind.POSITION else np.zeros(2)
         self.queue = [rest] * late
 
@@ -52,7 +54,7 @@ class Scene:
         self.now += round(DT * 1e9)
         assert self.guard.verified is not None
         stamp = self.now - round(self.age * 1e9) if seen else -1
-        self.guard.verified.begin(self.now, {"centre": stamp, "velocity": stamp}, 0.0)
+        self.guard.verified.begin(self.now, {"centre": stamp, "velocity": stamp}, self.measured)
 
     def step(self, desired: Any, seen: bool = True) -> None:
         self.look(seen)

@@ -156,6 +156,21 @@ def test_the_age_is_that_of_the_device_behind_a_law(tmp_path: Path, monkeypatch:
     assert ages[60] == 0.0
 
 
+def test_the_guard_knows_how_old_the_measured_position_is(tmp_path: Path) -> None:
+    b, _ = bench(tmp_path)
+    verified = b.cycle.guards[0].verified
+    assert verified is not None
+    ages = []
+
+    def script(k: int) -> None:
+        b.arm.silent = 50 <= k < 53
+        ages.append(verified.age)
+
+    b.run(100, forward(b, script))
+    assert (ages[40], ages[60]) == (0.0, 0.0)
+    assert ages[53] == pytest.approx(0.03)
+
+
 def test_what_a_law_gave_before_a_stop_is_not_believed_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Laws don't run in a stop: their outputs stand still while the body moves on. A device's state goes on."""
     moved = {}
