@@ -113,6 +113,21 @@ def test_the_unit_agrees_with_the_code() -> None:
     assert values("KillMode") == ["control-group"]
 
 
+def test_the_unit_is_as_the_page_says_and_never_moves_a_limb_by_itself() -> None:
+    page = (ROOT / "docs" / "deployment.md").read_text()
+    (table,) = re.findall(r"^\| directive \| reason \|\n\|.*\n((?:\|.*\n)+)", page, re.MULTILINE)
+    said = 0
+    for line in table.splitlines():
+        cell = line.split("|")[1].strip()
+        for key, value in re.findall(r"`(\w+)(?:=([^`]*))?`", cell):
+            found = values(key)
+            assert bool(found) is not cell.startswith("not "), key
+            assert not value or found == [value], key
+            said += 1
+    assert said > 15
+    assert " --set start=manual $SRL_OPTIONS" in values("ExecStart")[0]
+
+
 @pytest.mark.slow
 def test_the_units_command_is_one_that_srl_takes(tmp_path: Path) -> None:
     """With the specifiers filled in, and a duration so that it ends."""

@@ -7,6 +7,7 @@ import os
 import resource
 import select
 import shutil
+import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -83,6 +84,20 @@ def test_a_process_that_is_half_dead_is_killed(loop: LoopDouble) -> None:
     assert not alive(loop.process.pid)
     assert loop.supervisor.death is not None
     assert "SIGKILL" in loop.supervisor.death.how
+
+
+def test_what_is_left_of_the_loop_is_killed_before_the_frames_go_out(
+    loop: LoopDouble, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that hung and wakes up would move the limb after its stop."""
+    done: list[object] = []
+    kill, stop = os.kill, loop.supervisor._actuators.stop
+    monkeypatch.setattr(service.os, "kill", lambda pid, how: (done.append(how), kill(pid, how))[1])
+    monkeypatch.setattr(loop.supervisor._actuators, "stop", lambda: (done.append("frames"), stop())[1])
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    hang_up(loop)
+    assert done == [signal.SIGKILL, "frames", "frames"]
 
 
 def test_a_death_is_seen_before_the_channel_closes(loop: LoopDouble) -> None:
