@@ -154,7 +154,7 @@ class Cycle:
                 answer = machine.request(request.kind, request.origin, request.target, present or overrun)
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
-        machine.start_if_ready(self._fault)
+        machine.start_if_ready(fault)
         stopped = machine.state in (State.STOPPING, State.STOPPED)
         self.reset_inputs.look(now, stopped and not stop and not self.struck)
         return answer

@@ -158,6 +158,21 @@ def test_overruns_that_would_stop_the_limb_again_refuse_a_reset(tmp_path: Path) 
     assert (state[131:-1] == State.ACTIVE).all()
 
 
+def test_overruns_at_the_begin_are_waited_out(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        if k == 0:
+            b.loop.clock.tick.missed = 20
+
+    b.run(160, script)
+    state = b.word("state")
+    begun = int(np.flatnonzero(state != State.READY)[0])
+    assert begun > 90, "the window of a second"
+    assert not set(state[begun:-1].tolist()) & {State.STOPPING, State.STOPPED}
+    assert state[-2] == State.ACTIVE
+
+
 def test_a_stop_that_overtakes_a_reset_leaves_it_refused(tmp_path: Path) -> None:
     b = Bench(tmp_path)
     b.run(80, _stop_then_both(b))
