@@ -311,6 +311,7 @@ class Cycle:
         A position command starts at the measured position, else at home where the user has placed the limb
         there, else at what was sent last. Velocity and torque guards choose their start themselves.
         """
+        led = (self._links & LINK_ACTIVE).astype(bool).tolist()  # before the first command of a device makes it active
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             start = actuator.applied.copy()
             if actuator.command.kind is Kind.POSITION:
@@ -321,7 +322,7 @@ class Cycle:
                 elif self._put_home[i] and actuator.home is not None:
                     start, self._put_home[i] = actuator.home.copy(), False
             try:
-                guard.reset(start, led=bool(self._links.item(actuator.device) & LINK_ACTIVE))
+                guard.reset(start, led=led[actuator.device])
             except DeviceError as error:
                 self.report(str(error))
                 self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))

@@ -314,3 +314,61 @@ def test_a_start_does_not_drop_the_torque_that_a_held_stop_pulls_with(
     assert np.abs(applied[85:90] - 3.0).max() > 2.0, "the hold pulls back"
     begun = int(np.flatnonzero(states == State.ACTIVE)[0])
     assert np.abs(np.diff(applied[begun:], axis=0)).max() <= 50 * 0.01 * (1 + 1e-9)
+
+
+class TwinArm(TorqueArm):
+    """Two arms of torque on one link, which a command each moves."""
+
+    def __init__(self, name: str, config: ToyConfig) -> None:
+        super().__init__(name, config)
+        if name == "arm":
+            (axis,) = self.commands
+            self.commands = tuple(replace(axis, name=name) for name in ("first", "second"))
+
+    def write(self, now: int) -> None:
+        for name, sent in self.sent_arrays.items():
+            sent[:] = self.command_arrays[name]
+
+
+class Pushers(Weigher):
+    """Pushes with 9 N m in each."""
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        self.outputs = tuple(Signal(name=n, shape=(2,), unit="N m", labels=JOINTS) for n in ("tau", "other"))
+
+    def update(self, dt: float) -> None:
+        for output in self.output.values():
+            output[:] = 9.0
+
+
+def test_no_command_of_a_device_that_was_away_goes_on_from_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The start of its first command makes the device active, which says nothing of how it was led until then."""
+    text = _TORQUE.replace("tau: arm.command, g: {gravity}", "tau: arm.first, other: arm.second")
+    (guard,) = (line for line in text.splitlines() if line.startswith("guard:"))
+    limits = (
+        guard.removeprefix("guard: {arm.command: ").removesuffix("}").replace("effort_rate: 1000", "effort_rate: 5")
+    )
+    text = text.replace(guard, f"guard: {{arm.first: {limits}, arm.second: {limits}}}")
+    monkeypatch.setattr(toy, "PROFILE", text.replace("{", "{{").replace("}", "}}"))  # it is formatted again
+    monkeypatch.setattr(device_module, "RETRY", 0.01)
+    for module, name in ((toy, "_load"), (registry, "load")):
+        monkeypatch.setattr(module, name, lambda group, *_: {"drivers": TwinArm, "controllers": Pushers}[group])
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        b.arm.gone = 100 <= k < 120
+        if k == 130:
+            b.until_back(b.arm)
+        if k == 135:
+            b.ask("reset")
+
+    b.run(150, script)
+    states = b.word("state")
+    start = 135 + int(np.flatnonzero(states[135:] == State.ACTIVE)[0])
+    for name in ("first", "second"):
+        applied = _value(b, f"arm.{name}.applied")
+        assert applied[99].min() > 4.0
+        assert applied[start].max() <= 5 * 0.01 * 3, name
