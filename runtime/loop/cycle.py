@@ -311,7 +311,8 @@ class Cycle:
         A position command starts at the measured position, else at home where the user has placed the limb
         there, else at what was sent last. Velocity and torque guards choose their start themselves.
         """
-        led = (self._links & LINK_ACTIVE).astype(bool).tolist()  # before the first command of a device makes it active
+        led = (self._links & LINK_ACTIVE).astype(bool).tolist()
+        refused = set()  # devices of which a command can't start: such a one isn't activated, not in part either
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             start = actuator.applied.copy()
             if actuator.command.kind is Kind.POSITION:
@@ -320,15 +321,17 @@ class Cycle:
                 if actuator.measured is not None:
                     start = actuator.measured.copy()
                 elif self._put_home[i] and actuator.home is not None:
-                    start, self._put_home[i] = actuator.home.copy(), False
+                    start = actuator.home.copy()
             try:
                 guard.reset(start, led=led[actuator.device])
             except DeviceError as error:
                 self.report(str(error))
                 self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))
-                continue
-            self._links[actuator.device] |= LINK_ACTIVE
-            self._begun[i] = True
+                refused.add(actuator.device)
+        for i, actuator in enumerate(self.graph.actuators):
+            if actuator.device not in refused:
+                self._links[actuator.device] |= LINK_ACTIVE
+                self._begun[i], self._put_home[i] = True, False
 
 
 def by_itself(actuator: Actuator, category: Stop) -> bool:
