@@ -179,8 +179,7 @@ def soak(
             command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--rate", f"{looks:g}", "--json"]
             watched["twins"] = stack.enter_context(_begun(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
-        gaps = stack.enter_context((folder / "gaps").open("w+"))
-        stack.enter_context(_begun([sys.executable, "-m", "bench.standstill"], out=gaps))
+        stack.enter_context(_begun([sys.executable, "-m", "bench.standstill", str(folder)]))
         own = ["faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
         if rate is not None:
             own += [f"rate={rate:g}", "clock=monotonic"]
@@ -196,7 +195,7 @@ def soak(
                 run.kill()
                 said.seek(0)
                 made.ended = f"{error} {said.read().strip()[-600:]}"
-        still = np.array((folder / "gaps").read_text().split(), np.int64).reshape(-1, 2)
+        still = standstill.gaps(folder)
         made.longest = float(np.ptp(still, axis=1).max(initial=0)) * 1e-9
         made.own = standstill.own(np.array(made.losses, np.int64).reshape(-1, 3), still, 1e9 / (made.rate or 1.0))
     return made
@@ -276,10 +275,8 @@ def _set(overrides: list[str]) -> list[str]:
 
 
 @contextmanager
-def _begun(
-    command: list[str], said: IO[str] | None = None, out: IO[str] | int = subprocess.PIPE
-) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(command, stdout=out, stderr=said, stdin=subprocess.DEVNULL, text=True)
+def _begun(command: list[str], said: IO[str] | None = None) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, stdin=subprocess.DEVNULL, text=True)
     try:
         yield process
     finally:

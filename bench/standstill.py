@@ -1,6 +1,7 @@
 """When the machine itself stood still: a process on each processor, above all others, that only sleeps and wakes.
 
-    python -m bench.standstill      # a line for each gap, until SIGTERM: its begin and its end, ns of CLOCK_MONOTONIC
+    python -m bench.standstill FOLDER    # until SIGTERM; a file of each processor, a line of it for each gap: its begin
+                                         # and its end, ns of CLOCK_MONOTONIC
 
 A virtual machine whose host pauses it, or gives its processor away, loses periods of any loop. What a loop loses while
 nothing wakes this process isn't the loop's own.
@@ -13,6 +14,7 @@ import signal
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -20,21 +22,30 @@ from numpy.typing import NDArray
 
 PRIORITY: Final = 95  # of SCHED_FIFO: above the loop's
 NAP: Final = 0.002  # s
+FILE: Final = "gaps-{}"
 GAP: Final = 4_000_000  # ns from one waking to the next that count
 
 
-def watch(processor: int) -> None:
-    """Prints the gaps on a processor until it is ended."""
+def watch(processor: int, into: Path) -> None:
+    """Writes down the gaps on a processor until it is ended."""
     os.sched_setaffinity(0, {processor})
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    last = time.monotonic_ns()
-    while True:
-        time.sleep(NAP)
-        now = time.monotonic_ns()
-        if now - last > GAP:
-            print(last, now, flush=True)
-        last = now
+    with into.open("w") as file:
+        last = time.monotonic_ns()
+        while True:
+            time.sleep(NAP)
+            now = time.monotonic_ns()
+            if now - last > GAP:
+                file.write(f"{last} {now}\n")
+                file.flush()
+            last = now
+
+
+def gaps(folder: Path) -> NDArray[np.int64]:
+    """(m, 2) begin and end, ns, of all that were written down; a line that isn't whole doesn't count."""
+    lines = [line.split() for file in folder.glob(FILE.format("*")) for line in file.read_text().split("\n")[:-1]]
+    return np.array(lines, np.int64).reshape(-1, 2)
 
 
 def own(losses: NDArray[np.int64], gaps: NDArray[np.int64], period: float) -> int:
@@ -60,7 +71,7 @@ def main() -> int:
     for processor in sorted(os.sched_getaffinity(0)):
         if not (child := os.fork()):
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            watch(processor)
+            watch(processor, Path(sys.argv[1]) / FILE.format(processor))
         children.append(child)
     signal.signal(signal.SIGTERM, lambda *_: None)
     signal.pause()

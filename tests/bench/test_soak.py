@@ -5,13 +5,14 @@ from __future__ import annotations
 import mmap
 import os
 from contextlib import ExitStack, nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from bench.soak import Watched
-from bench.standstill import own
+from bench.standstill import gaps, own
 
 
 def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
@@ -36,7 +37,7 @@ def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
 
 
 @pytest.mark.parametrize(
-    ("losses", "gaps", "lost"),
+    ("losses", "still", "lost"),
     [
         ([(0, 30, 2)], [(4, 29)], 0),  # it stood still for nearly both
         ([(0, 30, 2)], [(4, 12)], 2),  # not for so long
@@ -46,9 +47,15 @@ def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
         ([], [(0, 30)], 0),
     ],
 )
-def test_a_period_is_the_loops_own_loss_unless_the_machine_stood_still(losses: Any, gaps: Any, lost: int) -> None:
+def test_a_period_is_the_loops_own_loss_unless_the_machine_stood_still(losses: Any, still: Any, lost: int) -> None:
     ms = 1_000_000
     found = own(
-        np.array(losses, np.int64).reshape(-1, 3) * [ms, ms, 1], np.array(gaps, np.int64).reshape(-1, 2) * ms, 10 * ms
+        np.array(losses, np.int64).reshape(-1, 3) * [ms, ms, 1], np.array(still, np.int64).reshape(-1, 2) * ms, 10 * ms
     )
     assert found == lost
+
+
+def test_what_is_written_down_of_each_processor_is_read_and_half_a_line_is_not(tmp_path: Path) -> None:
+    for processor, text in ((0, "10 20\n30 40\n"), (1, "15 25\n3")):
+        (tmp_path / f"gaps-{processor}").write_text(text)
+    assert sorted(gaps(tmp_path).tolist()) == [[10, 20], [15, 25], [30, 40]]
