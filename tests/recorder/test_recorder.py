@@ -15,6 +15,7 @@ import pytest
 from helpers import environment
 from helpers.recording import make_layout, make_run, write_run
 from helpers.segments import expected, make_segments
+from helpers.small_disk import small_disk
 from helpers.wait import until
 
 from runtime.contracts.errors import RecordingError
@@ -93,19 +94,14 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
 
 
 def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("mounting a small tmpfs takes root")
-    ballast = disk / "ballast"
     said: list[str] = []
     monkeypatch.setattr(process, "say", said.append)
     monkeypatch.setattr(process, "PATIENCE", float("inf"))
     layout = make_layout()
     run, ring, events = make_run(tmp_path / "run", layout)
-    out = disk / "out.rrd"
-    with ThreadPoolExecutor(1) as thread:  # no process of its own: on a busy machine its start alone takes long
+    # No process of its own: on a busy machine its start alone takes long.
+    with small_disk(tmp_path / "disk") as disk, ThreadPoolExecutor(1) as thread:
+        ballast, out = disk / "ballast", disk / "out.rrd"
         try:
             ballast.write_bytes(bytes(3_500_000))
             recording = thread.submit(Recorder(run, out).run)
@@ -129,8 +125,6 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path, monkeypatch
         finally:
             ballast.unlink(missing_ok=True)
             ring.finish()
-            thread.shutdown()
-            subprocess.run(["umount", str(disk)], check=False)
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.recording import make_layout, make_rows, make_run
 from helpers.segments import make_segments
+from helpers.small_disk import small_disk
 
 from runtime.cli import main
 from runtime.cli.run import PICTURES
@@ -265,12 +265,7 @@ def test_half_a_line_of_a_full_disk_spoils_no_other(tmp_path: Path, save: Save) 
 
 
 def test_on_a_disk_that_is_full_to_the_last_byte_the_oldest_make_room(tmp_path: Path, save: Save) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("mounting a small tmpfs takes root")
-    try:
+    with small_disk(tmp_path / "disk") as disk:
         save("disk/old.rrd", 31)
         save("disk/new.rrd", 1)
         assert make_room(disk, Keep(days=60.0), (), pytest.fail) == "", "nothing is old, so the next finds its room"
@@ -283,5 +278,3 @@ def test_on_a_disk_that_is_full_to_the_last_byte_the_oldest_make_room(tmp_path: 
         assert names(disk) == ["new.rrd", "others"]
         assert ledger(disk) == ["old.rrd"]
         assert "was deleted" in said[0]
-    finally:
-        subprocess.run(["umount", str(disk)], check=True)
