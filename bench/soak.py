@@ -243,7 +243,7 @@ def _take(made: Soak, reader: RingReader) -> None:
     while len(rows := reader.take()):
         made.cycles += len(rows)
         made.active += int(np.count_nonzero(rows[:, CYCLE.state] == State.ACTIVE))
-        before = made.now, made.lost
+        before = made.now or int(rows[0, CYCLE.now]), made.lost
         made.now, made.lost = int(rows[-1, CYCLE.now]), int(rows[-1, CYCLE.overruns])
         if made.lost > before[1]:
             times = np.concatenate([before[:1], rows[:, CYCLE.now]])

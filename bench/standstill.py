@@ -4,7 +4,8 @@
                                          # and its end, ns of CLOCK_MONOTONIC
 
 A virtual machine whose host pauses it, or gives its processor away, loses periods of any loop. What a loop loses while
-nothing wakes this process isn't the loop's own.
+nothing wakes this process isn't the loop's own. Real-time processes that take more than their share of a processor
+(sched_rt_runtime_us) are held up by the kernel, this one among them: that counts as the machine's, too.
 """
 
 from __future__ import annotations
@@ -27,10 +28,13 @@ GAP: Final = 4_000_000  # ns from one waking to the next that count
 
 
 def watch(processor: int, into: Path) -> None:
-    """Writes down the gaps on a processor until it is ended."""
+    """Writes down the gaps on a processor until it is ended.
+
+    Raises:
+        PermissionError: it may not come before the loop, so what it missed would say nothing.
+    """
     os.sched_setaffinity(0, {processor})
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     with into.open("w") as file:
         last = time.monotonic_ns()
         while True:
@@ -48,19 +52,19 @@ def gaps(folder: Path) -> NDArray[np.int64]:
     return np.array(lines, np.int64).reshape(-1, 2)
 
 
-def own(losses: NDArray[np.int64], gaps: NDArray[np.int64], period: float) -> int:
+def own(losses: NDArray[np.int64], stood: NDArray[np.int64], period: float) -> int:
     """How many of the lost periods the loop lost by itself.
 
     Args:
         losses: (k, 3) begin and end, ns, of the time in which the loop missed periods, and how many.
-        gaps: (m, 2) begin and end, ns, of the times in which the machine stood still.
+        stood: (m, 2) begin and end, ns, of the times in which the machine stood still.
         period: ns, of the loop.
     """
     found = 0
     for begin, end, lost in losses.tolist():
-        still = np.minimum(gaps[:, 1], end) - np.maximum(gaps[:, 0], begin)
+        shared = np.minimum(stood[:, 1], end) - np.maximum(stood[:, 0], begin)
         # The longest of the processors' gaps. A loop misses a period if it is held up for what its cycle leaves of one.
-        if len(gaps) == 0 or still.max() < 0.8 * lost * period:
+        if shared.max(initial=0) < 0.8 * lost * period:
             found += lost
     return found
 
@@ -71,12 +75,14 @@ def main() -> int:
     for processor in sorted(os.sched_getaffinity(0)):
         if not (child := os.fork()):
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            watch(processor, Path(sys.argv[1]) / FILE.format(processor))
+            with suppress(PermissionError):  # then nothing is written down, and each loss counts as the loop's own
+                watch(processor, Path(sys.argv[1]) / FILE.format(processor))
+            os._exit(0)
         children.append(child)
     signal.signal(signal.SIGTERM, lambda *_: None)
     signal.pause()
     for child in children:
-        os.kill(child, signal.SIGTERM)
+        os.kill(child, signal.SIGTERM)  # not waited for yet, so its number is no other's
     return 0
 
 
