@@ -83,13 +83,19 @@ static const Arg velocity_args[] = {
 };
 const Law velocity_guard = {"velocity-guard", velocity_step, velocity_args};
 
-/* -- position: PositionGuard._follow where each joint reaches its target within the cycle (`reach`), which is most of
- * the time. Jerk unbounded, no clearance. What ruckig plans is Python's. */
+/* -- position: PositionGuard._follow with an unbounded jerk and without a clearance. A joint that no plan keeps within
+ * its limits brakes: that is Python's. */
 
 enum { P_V, P_A, P_LOWER, P_UPPER, P_WIDE };
 enum { P_POSITION, P_SPEED, P_TARGET, P_RAW, P_RATE, P_STATE };
 #define SLACK 1e-10
 #define SQRT2 1.4142135623730951
+#define CATCH_UP_V 0.01
+#define CATCH_UP_A 0.1
+
+static double within(double value, double most) {
+    return -most <= value && value <= most ? value : copysign(most, value);
+}
 
 static int reach(double p, double v, double target, double speed, double V, double A, double dt, double *found) {
     double step = A * dt, w = (target - p - v * dt) / (step * dt), low, high, u;
@@ -101,6 +107,84 @@ static int reach(double p, double v, double target, double speed, double V, doub
     return low <= high && fabs(u - speed) <= (SQRT2 - 1) * step;
 }
 
+/* runtime/guard/approach.py */
+static void approach(double *x, double *v, double slowest, double fastest, double A, double dt) {
+    double sign = 1.0, top = fastest, peak, a, begin, end, left, p = *x, u = *v;
+    if (p + u * fabs(u) / (2 * A) > 0) sign = -1.0, p = -p, u = -u, top = -slowest;
+    peak = top, a = -A;
+    if (u <= top) peak = least_of(sqrt(most_of(u * u / 2 - A * p, 0.0)), top), a = A;
+    begin = most_of((peak - u) / a, 0.0);
+    if (dt < begin) {
+        *x = sign * (p + dt * (u + a * dt / 2));
+        *v = sign * (u + a * dt);
+        return;
+    }
+    p = p + begin * (u + peak) / 2;
+    dt = dt - begin;
+    end = peak / A;
+    if (peak == top) {
+        double cruise = most_of(-(p + peak * end / 2) / peak, 0.0);
+        if (dt < cruise) {
+            *x = sign * (p + peak * dt);
+            *v = sign * peak;
+            return;
+        }
+        dt -= cruise;
+    }
+    left = end - dt;
+    *x = left > 0 ? sign * (-A * left * left / 2) : 0.0;
+    *v = left > 0 ? sign * (A * left) : 0.0;
+}
+
+/* PositionGuard._planned: whether there is a plan; p and v are where it is after dt. */
+static int planned(double *p, double *v, double wanted, double speed, double acceleration, const double *row, double dt) {
+    double V = row[P_V], A = row[P_A], room = (1 - CATCH_UP_V) * V, spare = (1 - CATCH_UP_A) * A, x, xd, earlier;
+    speed = within(speed, room);
+    acceleration = within(acceleration, spare);
+    earlier = within(speed - acceleration * dt, room);
+    x = *p - (wanted - speed * dt + acceleration * dt * dt / 2);
+    xd = *v - (speed - acceleration * dt);
+    if (speed < earlier)
+        approach(&x, &xd, -V - speed, V - earlier, A - fabs(acceleration), dt);
+    else
+        approach(&x, &xd, -V - earlier, V - speed, A - fabs(acceleration), dt);
+    if (!isfinite(xd) || !(fabs(wanted + x - *p) <= V * dt * (1 + 1e-9))) return 0;
+    *p = wanted + x;
+    *v = speed + xd;
+    return 1;
+}
+
+static int safe(double p, double v, const double *row) {
+    double end = p + v * fabs(v) / (2 * row[P_A]);
+    return (v >= 0 ? p : end) >= row[P_LOWER] - SLACK && (v >= 0 ? end : p) <= row[P_UPPER] + SLACK &&
+           fabs(v) <= row[P_V] * (1 + 1e-9);
+}
+
+/* PositionGuard._towards */
+static int towards(double *p, double *v, double wanted, double speed, double acceleration, const double *row, double dt) {
+    double V = row[P_V], A = row[P_A], u;
+    if (speed != 0.0) {
+        double room = speed > 0 ? row[P_UPPER] - wanted : wanted - row[P_LOWER];
+        double most = least_of(room <= 0 ? 0.0 : sqrt(2 * A * room), V);
+        if (fabs(speed) > most) speed = copysign(most, speed), acceleration = 0.0;
+    }
+    if (reach(*p, *v, wanted, speed, V, A, dt, &u) && safe(wanted, u, row)) {
+        *p = wanted;
+        *v = u;
+        return 1;
+    }
+    const double tries[3][2] = {{speed, acceleration}, {speed, 0.0}, {0.0, 0.0}};
+    for (int k = 0; k < 3; k++) {
+        double q = *p, qd = *v;
+        if (k && tries[k][0] == tries[k - 1][0] && tries[k][1] == tries[k - 1][1]) continue;
+        if (!planned(&q, &qd, wanted, tries[k][0], tries[k][1], row, dt) || !safe(q, qd, row)) continue;
+        *p = q;
+        *v = qd;
+        return 1;
+    }
+    return 0;
+}
+
 static int position_step(double *const *a, int n, double dt, int told) {
     const double *wanted = a[0], *rates = a[1], *limits = a[2], *tolerance = a[3];
     double *state = a[4], *applied = a[5], *velocity = a[6], next[MOST_JOINTS * P_STATE];
@@ -108,10 +192,9 @@ static int position_step(double *const *a, int n, double dt, int told) {
     if (!(dt > 0.0)) return RARE;
     for (int i = 0; i < n; i++) {
         const double *row = limits + P_WIDE * i, *now = state + P_STATE * i;
-        double *after = next + P_STATE * i, V = row[P_V], A = row[P_A], low = row[P_LOWER], high = row[P_UPPER];
-        double p = now[P_POSITION], v = now[P_SPEED], step = A * dt, raw, change, speed, u, end;
-        double target = wanted[i] < low ? low : wanted[i] > high ? high : wanted[i];
-        /* _motion */
+        double *after = next + P_STATE * i, low = row[P_LOWER], high = row[P_UPPER], step = row[P_A] * dt;
+        double target = wanted[i] < low ? low : wanted[i] > high ? high : wanted[i], raw, change, speed, acceleration;
+        /* PositionGuard._motion */
         raw = !told ? (target - now[P_TARGET]) / dt : target == wanted[i] ? rates[i] : 0.0;
         change = raw - now[P_RAW];
         after[P_TARGET] = target;
@@ -119,23 +202,15 @@ static int position_step(double *const *a, int n, double dt, int told) {
         if (fabs(change) <= step) {
             after[P_RATE] = raw;
             speed = told ? raw : raw + change / 2;
+            acceleration = change / dt;
         } else {
             after[P_RATE] = least_of(most_of(raw, now[P_RATE] - step), now[P_RATE] + step);
             speed = told ? raw : after[P_RATE];
+            acceleration = 0.0;
         }
-        /* _towards */
-        if (speed != 0.0) {
-            double room = speed > 0 ? high - target : target - low;
-            double most = least_of(room <= 0 ? 0.0 : sqrt(2 * A * room), V);
-            if (fabs(speed) > most) speed = copysign(most, speed);
-        }
-        if (!reach(p, v, target, speed, V, A, dt, &u)) return RARE;
-        /* _safe */
-        end = target + u * fabs(u) / (2 * A);
-        if ((u >= 0 ? target : end) < low - SLACK || (u >= 0 ? end : target) > high + SLACK) return RARE;
-        if (fabs(u) > V * (1 + 1e-9)) return RARE;
-        after[P_POSITION] = target;
-        after[P_SPEED] = u;
+        after[P_POSITION] = now[P_POSITION];
+        after[P_SPEED] = now[P_SPEED];
+        if (!towards(after + P_POSITION, after + P_SPEED, target, speed, acceleration, row, dt)) return RARE;
     }
     memcpy(state, next, P_STATE * n * sizeof *state);
     for (int i = 0; i < n; i++) {

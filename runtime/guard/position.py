@@ -7,6 +7,7 @@ from math import copysign, inf, isfinite, isinf, sqrt
 import ruckig
 
 from runtime.contracts.signals import Limits, Stop
+from runtime.guard.approach import approach
 from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
 from runtime.guard.verified import VerifiedStop, brake_together, stop_time
@@ -24,9 +25,9 @@ class PositionGuard(CommandGuard):
     each joint:
 
     1. If the jerk is unbounded and the desired position can be reached in this cycle, it is applied as it is.
-    2. Otherwise the fastest motion to meet the moving target is planned with ruckig. The plan first uses the
-       target's velocity and acceleration. If this motion would leave the limits, the next plan omits the
-       acceleration, and the last one assumes that the target stands still.
+    2. Otherwise the fastest motion to meet the moving target is planned, by ruckig if the jerk is bounded. The plan
+       first uses the target's velocity and acceleration. If this motion would leave the limits, the next plan omits
+       the acceleration, and the last one assumes that the target stands still.
     3. A plan's next state is used only if the joint can still stop from there within its limits. If no plan
        allows this, the joint brakes.
 
@@ -178,25 +179,24 @@ class PositionGuard(CommandGuard):
         speed = within(speed, room)
         acceleration = within(acceleration, spare)
         earlier = within(speed - acceleration * dt, room)
-        x, xd, xdd = (
-            p - (wanted - speed * dt + acceleration * dt * dt / 2),
-            v - (speed - acceleration * dt),
-            0.0,
-        )
+        x, xd = p - (wanted - speed * dt + acceleration * dt * dt / 2), v - (speed - acceleration * dt)
         slowest, fastest = (-V - speed, V - earlier) if speed < earlier else (-V - earlier, V - speed)
-        ask = self._inputs[i]
-        ask.current_position, ask.current_velocity = [x], [xd]
-        ask.current_acceleration = [0.0 if isinf(J) else a - acceleration]
-        ask.min_velocity, ask.max_velocity = [slowest], [fastest]
-        ask.max_acceleration = [A - abs(acceleration)]
-        try:
-            if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
+        left = A - abs(acceleration)
+        if isinf(J):
+            x, xd = approach(x, xd, slowest, fastest, left, dt)
+            xdd = 0.0
+        else:
+            ask = self._inputs[i]
+            ask.current_position, ask.current_velocity, ask.current_acceleration = [x], [xd], [a - acceleration]
+            ask.min_velocity, ask.max_velocity, ask.max_acceleration = [slowest], [fastest], [left]
+            try:
+                if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
+                    return None
+                (x,), (xd,), (xdd,) = self._plan.at_time(dt)
+            except ruckig.RuckigError:
                 return None
-            (x,), (xd,), (xdd,) = self._plan.at_time(dt)
-        except ruckig.RuckigError:
-            return None
-        if dt >= self._plan.duration:
-            x = xd = xdd = 0.0  # removes the rounding errors of the motion
+            if dt >= self._plan.duration:
+                x = xd = xdd = 0.0  # removes the rounding errors of the motion
         # A braking target is faster in mid-cycle than at the end of the cycle.
         if not isfinite(xd + xdd) or not abs(wanted + x - p) <= V * dt * (1 + 1e-9):
             return None

@@ -40,15 +40,16 @@ int main(void) {
                 }
             if (laws[i] == &panda_fill || laws[i] == &panda_torque || laws[i] == &panda_record)
                 for (int k = 0; k < size[1]; k++) arrays[1][k] = 8 * k; /* bytes of the packet */
-            if (laws[i] == &position_guard) /* joints at rest, near to where they are to go */
+            if (laws[i] == &position_guard) /* joints near to where they are to go, at rest; or under way, so they are planned */
                 for (int k = 0; k < n; k++) {
                     double *row = arrays[4] + 5 * k, *limits = arrays[2] + 4 * k;
                     row[0] = row[2] = arrays[0][k] *= 0.01;
-                    row[1] = row[3] = row[4] = 0.0;
+                    row[1] = row[3] = row[4] = run & 2 ? 0.01 * number() : 0.0;
+                    arrays[1][k] = row[1] + 1e-3 * number();
                     limits[0] = limits[1] = 1.0;
                     limits[2] = -1.0;
                     limits[3] = 1.0;
-                    arrays[0][k] += 1e-7 * number();
+                    arrays[0][k] += (run & 2 ? 1e-2 : 1e-7) * number();
                 }
             if (laws[i] == &object_mapping) { /* all fingertips, two of them as far apart as the sphere is wide, and a short finger */
                 double *options = arrays[4], *reference = arrays[6], *at = arrays[7];
@@ -72,7 +73,7 @@ int main(void) {
                 }
             }
             for (int cycle = 0; cycle < 3; cycle++)
-                done += laws[i]->step(arrays, n, 1e-3, run & 1 && laws[i] != &position_guard) != RARE;
+                done += laws[i]->step(arrays, n, 1e-3, run & 1) != RARE;
             for (int k = 0; k < count; k++) {
                 const unsigned char *bytes = (const unsigned char *)arrays[k];
                 for (size_t b = 0; b < size[k] * sizeof(double); b++) hash = (hash ^ bytes[b]) * 1099511628211u;
