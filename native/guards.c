@@ -123,7 +123,7 @@ static void approach(double *x, double *v, double slowest, double fastest, doubl
     dt = dt - begin;
     end = peak / A;
     if (peak == top) {
-        double cruise = most_of(-(p + peak * end / 2) / peak, 0.0);
+        double cruise = peak > 0 ? most_of(-(p + peak * end / 2) / peak, 0.0) : INFINITY;
         if (dt < cruise) {
             *x = sign * (p + peak * dt);
             *v = sign * peak;
@@ -138,7 +138,7 @@ static void approach(double *x, double *v, double slowest, double fastest, doubl
 
 /* PositionGuard._planned: whether there is a plan; p and v are where it is after dt. */
 static int planned(double *p, double *v, double wanted, double speed, double acceleration, const double *row, double dt) {
-    double V = row[P_V], A = row[P_A], room = (1 - CATCH_UP_V) * V, spare = (1 - CATCH_UP_A) * A, x, xd, earlier;
+    double V = row[P_V], A = row[P_A], room = (1 - CATCH_UP_V) * V, spare = (1 - CATCH_UP_A) * A, x, xd, earlier, way, after;
     speed = within(speed, room);
     acceleration = within(acceleration, spare);
     earlier = within(speed - acceleration * dt, room);
@@ -148,9 +148,12 @@ static int planned(double *p, double *v, double wanted, double speed, double acc
         approach(&x, &xd, -V - speed, V - earlier, A - fabs(acceleration), dt);
     else
         approach(&x, &xd, -V - earlier, V - speed, A - fabs(acceleration), dt);
-    if (!isfinite(xd) || !(fabs(wanted + x - *p) <= V * dt * (1 + 1e-9))) return 0;
+    way = wanted + x - *p;
+    after = speed + xd;
+    if (!isfinite(xd) || !(fabs(way) <= V * dt * (1 + 1e-9))) return 0;
+    if (!(fabs(way - dt * (*v + after) / 2) <= A * dt * dt / 4 * (1 + 1e-6) + SLACK)) return 0;
     *p = wanted + x;
-    *v = speed + xd;
+    *v = after;
     return 1;
 }
 

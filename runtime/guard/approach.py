@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 
 
 def approach(x: float, v: float, slowest: float, fastest: float, A: float, dt: float) -> tuple[float, float]:
@@ -10,11 +10,11 @@ def approach(x: float, v: float, slowest: float, fastest: float, A: float, dt: f
 
     A double integrator is fastest with all its acceleration in one direction, then all in the other; between them
     it keeps a bound of the velocity, if it reaches one. If the fastest stop from here ends below zero, the first is
-    upwards. A velocity beyond its bound comes back to it first.
+    upwards. A velocity beyond its bound comes back to it first. Where the bound is zero, that is all.
 
     Args:
         x, v: position and velocity now, rad or m.
-        slowest, fastest: bounds of the velocity, below and above zero.
+        slowest, fastest: bounds of the velocity, below and above zero, or zero.
         A: bound of the acceleration, above zero.
         dt: s.
     """
@@ -30,7 +30,7 @@ def approach(x: float, v: float, slowest: float, fastest: float, A: float, dt: f
     x, dt = x + begin * (v + peak) / 2, dt - begin
     end = peak / A
     if peak == top:
-        cruise = max(-(x + peak * end / 2) / peak, 0.0)
+        cruise = max(-(x + peak * end / 2) / peak, 0.0) if peak > 0 else inf
         if dt < cruise:
             return sign * (x + peak * dt), sign * peak
         dt -= cruise

@@ -197,10 +197,14 @@ class PositionGuard(CommandGuard):
                 return None
             if dt >= self._plan.duration:
                 x = xd = xdd = 0.0  # removes the rounding errors of the motion
+        way, after = wanted + x - p, speed + xd
         # A braking target is faster in mid-cycle than at the end of the cycle.
-        if not isfinite(xd + xdd) or not abs(wanted + x - p) <= V * dt * (1 + 1e-9):
+        if not isfinite(xd + xdd) or not abs(way) <= V * dt * (1 + 1e-9):
             return None
-        return wanted + x, speed + xd, 0.0 if isinf(J) else acceleration + xdd
+        # A target that is very far away takes the last digits of the way there, and so of the command.
+        if isinf(J) and not abs(way - dt * (v + after) / 2) <= A * dt * dt / 4 * (1 + 1e-6) + SLACK:
+            return None
+        return wanted + x, after, 0.0 if isinf(J) else acceleration + xdd
 
     def _safe(self, i: int, state: State) -> bool:
         """Whether the joint can still stop from `state` without leaving a limit."""

@@ -10,8 +10,8 @@ from helpers.compiled import ODD, bits, needs_c
 from helpers.guard import guard_of
 
 from runtime.contracts.compiled import NotCompiledError
-from runtime.contracts.signals import Array, Kind, Stop
-from runtime.guard import CommandGuard
+from runtime.contracts.signals import Array, Command, Kind, Limits, Stop
+from runtime.guard import GUARDS, CommandGuard
 from runtime.guard.compiled import compile_guard
 
 pytestmark = needs_c
@@ -138,6 +138,29 @@ def test_what_it_does_not_do_is_named() -> None:
         Side(Kind.POSITION, 2, {"velocity": 1.0, "acceleration": 5.0, "jerk": 100.0}, False, False, True)
     with pytest.raises(NotCompiledError, match="17 joints"):
         Side(Kind.VELOCITY, 17, {"velocity": 1.0, "acceleration": 5.0}, False, False, True)
+
+
+@pytest.mark.parametrize("far", [0.3, 1e10, 1e14, -1e99, 1e200])
+def test_a_joint_that_may_not_move_and_a_target_beyond_all_reason_are_as_in_python(far: float) -> None:
+    """Two joints without position limits; a device may give one a velocity limit of zero."""
+    given = Limits(velocity=np.array([0.0, 4.0]), acceleration=np.array([40.0, 40.0]))
+    command = Command(name="c", shape=(2,), unit="rad", kind=Kind.POSITION)
+    guards = [GUARDS[command.kind]("guard.c", command, given, DT) for _ in range(2)]
+    asked, rate = np.zeros(2), np.zeros(2)
+    compile_guard(guards[1], asked, rate)
+    taken = 0
+    for guard in guards:
+        guard.reset(np.array([0.0, 0.01]))
+    for k in range(200):
+        asked[:] = far if k % 50 < 25 else 0.2
+        for guard in guards:
+            guard.step(asked, rate, DT)
+        a, b = guards
+        assert bits(a.applied) == bits(b.applied)
+        assert bits(a.velocity) == bits(b.velocity)
+        assert [getattr(a, c) for c in COUNTS] == [getattr(b, c) for c in COUNTS]
+        taken += bool(getattr(b.fast, "_inside", False))
+    assert taken > 5
 
 
 def at_rest(inertia: float) -> list[Side]:

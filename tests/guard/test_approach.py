@@ -58,6 +58,12 @@ def test_its_mirror_image_is_the_same(x: float, v: float, below: float, above: f
     assert approach(-x, -v, -above, below, A, dt) == (-p, -pd)
 
 
+@pytest.mark.parametrize("x", [0.0, -0.0, 0.3, -0.3])
+@pytest.mark.parametrize("top", [0.0, 5e-324])
+def test_with_no_velocity_allowed_it_stays_where_it_is(x: float, top: float) -> None:
+    assert approach(x, 0.0, -top, top, 40.0, 0.01) == (x, pytest.approx(0.0))
+
+
 @given(bound, acceleration)
 def test_at_rest_it_stays(top: float, A: float) -> None:
     assert approach(0.0, 0.0, -top, top, A, 0.01) == (0.0, 0.0)

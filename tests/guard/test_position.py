@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Kind, Stop
+from runtime.contracts.signals import Command, Kind, Limits, Stop
+from runtime.guard import GUARDS
 
 DT, V, A, LOW, HIGH = 0.01, 4.0, 40.0, -1.0, 1.5
 jerks = st.sampled_from([None, 400.0, 4000.0])
@@ -231,6 +232,37 @@ def test_a_joint_does_not_feel_its_neighbours():
         alone.step(np.array([a]), None, DT)
         pair.step(np.array([a, b]), None, DT)
         assert alone.applied[0] == pair.applied[0]
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("far", [1e10, 1e13, 1e14, 1e16, -1e99, 1e308])
+@pytest.mark.parametrize("start", [0.0, 0.01, -0.5])
+def test_a_target_beyond_all_reason_moves_no_joint_faster_than_its_limits(start, far, told):
+    """Without position limits. The last digit of 1e14 is 0.016: positions near it are as coarse."""
+    guard = guard_of(Kind.POSITION, velocity=V, acceleration=A)
+    guard.reset(np.array([start]))
+    rate = np.zeros(1) if told else None
+    p, v = start, 0.0
+    for k in range(90):
+        guard.step(np.array([far if k % 30 < 15 else 0.2]), rate, DT)
+        before, p, v = (p, v), guard.applied[0], guard.velocity[0]
+        assert abs(v - before[1]) <= A * DT * (1 + 1e-6)
+        assert abs(p - before[0] - DT * (v + before[1]) / 2) <= A * DT * DT / 4 * (1 + 1e-6) + 1e-10
+
+
+@pytest.mark.parametrize("jerk", [None, 400.0])
+def test_a_joint_that_may_not_move_stays_and_raises_nothing(jerk):
+    """A device may give a velocity limit of zero."""
+    one = np.ones(2)
+    limits = Limits(velocity=V * np.array([0.0, 1.0]), acceleration=A * one, jerk=None if jerk is None else jerk * one)
+    command = Command(name="c", shape=(2,), unit="rad", kind=Kind.POSITION)
+    guard = GUARDS[command.kind]("guard.c", command, limits, DT, rest=-0.1 * one)
+    guard.reset(np.zeros(2))
+    for act in (lambda: guard.step(0.2 * one, None, DT), lambda: guard.stop(Stop.RETRACT, DT)):
+        for _ in range(60):
+            act()
+            assert guard.applied[0] == guard.velocity[0] == 0
+        assert abs(guard.applied[1]) > 0.09
 
 
 def test_a_failing_generator_is_counted_and_brakes(monkeypatch):
