@@ -110,6 +110,40 @@ def test_a_law_that_found_contact_or_lost_what_it_follows_stops_the_limb_until_a
     assert abs(np.diff(np.array(b.arm.sent)[:, 0])).max() <= SPEED * 0.01 * (1 + 1e-6)
 
 
+def test_each_time_motion_begins_a_law_is_reset_once_before_its_first_cycle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it would go on from where it stood before the stop: its filters, its references."""
+    b = Bench(tmp_path)
+    law, told = b.cycle.graph.laws[0].controller, ""
+    reset, update = law.reset, law.update
+
+    def resets() -> None:
+        nonlocal told
+        told += "r"
+        reset()
+
+    def updates(dt: float) -> None:
+        nonlocal told
+        told += "u"
+        update(dt)
+
+    monkeypatch.setattr(law, "reset", resets)
+    monkeypatch.setattr(law, "update", updates)
+
+    def script(k: int) -> None:
+        if k in (50, 100):
+            b.ask("stop")
+        if k in (80, 130):
+            b.ask("reset")
+
+    b.run(150, script)
+    motions = "".join("u" if state == State.ACTIVE else " " for state in b.word("state")).split()
+    assert len(motions) == 3
+    # A cycle's end decides that the limb is active; its laws begin in the next one.
+    assert told == "".join(f"r{motion[1:]}" for motion in motions)
+
+
 def test_a_device_that_refuses_to_move_stops_the_limb_and_recovers_only_when_told(tmp_path: Path) -> None:
     b = Bench(tmp_path)
     sent_in_fault = 0
