@@ -205,7 +205,7 @@ def test_the_page_is_gone_with_a_held_key_and_the_run_is_ended_by_a_signal(tmp_p
             made.hold("right")  # again, where pictures were late
             return made.applied > begun + 0.1
 
-        until(moves, what="motion")
+        until(moves, what="motion", timeout=80.0)
         os.kill(made.panel.pid, signal.SIGKILL)
         dead = time.monotonic_ns()
         made.passed(0.5)

@@ -351,21 +351,22 @@ class UnderGuard:
         """Where the guard was re-seated, its command is at most one period away from what was sent.
 
         Of a bus on which each joint has a frame of its own, one that was sent as applied within the guard's patience
-        goes on.
+        goes on, and one of which nothing was sent since the start or reset begins anew at the first command.
         """
-        begun = self.rows[0].commands  # number of commands at the start or reset
+        begun = first = self.rows[0]  # the row before the start or reset, and its first one
         resolution = np.broadcast_to(self.setting.command.resolution, self.setting.grain.shape)
         taken = np.full(len(resolution), self.rows[0].now)  # ns, by joint, when it was last sent as applied
         for earlier, before, row in zip(self.rows[:1] + self.rows, self.rows, self.rows[1:], strict=False):
             for applied in (before.applied, earlier.applied):
                 taken[np.abs(before.sent - applied) <= resolution] = before.now
             if row.active and not before.active:
-                begun = before.commands
-            if row.flags & FLAG_RESEATED and before.commands > begun:
+                begun, first = before, row
+            if row.flags & FLAG_RESEATED and before.commands > begun.commands:
                 most = self.setting.spring * (1 + 1e-6) + EPS
                 near = np.abs(row.applied - before.sent) <= most
                 if self.setting.by_joint:
                     near |= row.now - taken <= self._patience + round(1e9 / self.setting.hz)
+                    near |= (before.sent == begun.sent) & (np.abs(row.applied - first.applied) <= most + resolution)
                 assert near.all(), (row.now, row.applied, before.sent)
 
     def reseated(self, begin: int, end: int | None = None) -> int:

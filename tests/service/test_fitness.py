@@ -182,6 +182,7 @@ def examined(folder: Path, host: dict[str, str], ports: list[tuple[str, int]]) -
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(420)  # two examinations of 200 s at most, of ordinary priority beside loops of real time
 def test_each_of_what_was_seeded_is_found_with_what_to_type(
     tmp_path: Path, ports: list[tuple[str, int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +200,7 @@ def test_each_of_what_was_seeded_is_found_with_what_to_type(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(420)
 def test_a_sound_host_has_none_of_it(tmp_path: Path, ports: list[tuple[str, int]]) -> None:
     authority(tmp_path)
     sign(tmp_path, "robot", ["localhost"], 300)

@@ -126,11 +126,13 @@ def pids(machine: Machine) -> dict[str, int]:
     said = machine.call(
         f"for p in $(cat /sys/fs/cgroup/systemd/system.slice/system-srl.slice/{UNIT}.service/cgroup.procs"
         f" /sys/fs/cgroup/system.slice/system-srl.slice/{UNIT}.service/cgroup.procs 2>/dev/null);"
-        " do echo $p $(tr '\\0' ' ' < /proc/$p/cmdline); done",
+        " do echo $p $(tr '\\0' ' ' < /proc/$p/cmdline); done 2>/dev/null",
     )
     found = {}
     for line in said.splitlines():
         number, _, command = line.partition(" ")
+        if not command:  # it ended meanwhile
+            continue
         module = re.search(r"-m runtime\.(\w+)", command)
         found[module[1] if module else "supervisor"] = int(number)
     return found
