@@ -67,7 +67,8 @@ docs: setup
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/docs
 	@echo "site: $(OUT)/docs/index.html"
 
-# All are meant to take less than 15 minutes on a shared two-core machine, the quick set less than three. One that fails is reported, and the rest go on.
+# Ten minutes on a shared two-core machine with nothing else on it; the quick set takes less than three. One that fails is
+# reported, and the rest go on.
 bench: setup
 	$(BIN)/python -m bench
 
