@@ -6,16 +6,16 @@ from math import inf, sqrt
 
 
 def approach(x: float, v: float, slowest: float, fastest: float, A: float, dt: float) -> tuple[float, float]:
-    """Position and velocity after dt seconds on the fastest motion to rest at zero.
+    """Position (rad or m) and velocity (per s) after dt on the fastest motion to rest at zero.
 
     A double integrator is fastest with all its acceleration in one direction, then all in the other; between them
     it keeps a bound of the velocity, if it reaches one. If the fastest stop from here ends below zero, the first is
     upwards. A velocity beyond its bound comes back to it first. Where the bound is zero, that is all.
 
     Args:
-        x, v: position and velocity now, rad or m.
-        slowest, fastest: bounds of the velocity, below and above zero, or zero.
-        A: bound of the acceleration, above zero.
+        x, v: position and velocity now, rad and rad/s, or m and m/s.
+        slowest, fastest: bounds of the velocity, below and above zero, or zero, rad/s or m/s.
+        A: bound of the acceleration, above zero, rad/s^2 or m/s^2.
         dt: s.
     """
     sign, top = 1.0, fastest
