@@ -11,6 +11,8 @@
 /* What a step returns. It writes nothing at all before it knows that it won't return RARE. */
 enum { RARE = -1, DONE = 0, LIMITED = 1 };
 
+enum { ANY = -1 }; /* `fixed` of a first array that may have any number of elements, not MOST_JOINTS at most */
+
 typedef struct {
     const char *name;
     int fixed, each; /* it has fixed + each * n elements, for n joints */
@@ -29,7 +31,7 @@ typedef struct {
 
 extern const Law tool_pose, admittance, moca_impedance, kairos_clik, torque_guard, velocity_guard, position_guard,
     sent_tracker, command_left, ur_take, ur_fill, felt_wrench, object_mapping, panda_fill, panda_torque,
-    panda_record, panda_watch;
+    panda_record, panda_watch, sample_check, following_position, following_velocity;
 
 /* As Python's: the first, unless the second is smaller (larger). */
 static inline double least_of(double a, double b) { return b < a ? b : a; }

@@ -6,6 +6,7 @@
 #define Py_LIMITED_API 0x030B0000
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
+#include <limits.h>
 #include <string.h>
 
 #include "law.h"
@@ -21,13 +22,11 @@
 #define SRL_VERSION "" /* of the package: pyproject.toml gives it */
 #endif
 #define MOST_ARGS 32
-#define TEXT(x) #x
-#define SPELLED(x) TEXT(x)
 
 static const Law *const LAWS[] = {&tool_pose, &admittance, &moca_impedance, &kairos_clik, &torque_guard,
                                   &velocity_guard, &position_guard, &sent_tracker, &command_left, &ur_take, &ur_fill,
                                   &felt_wrench, &object_mapping, &panda_fill, &panda_torque, &panda_record,
-                                  &panda_watch, NULL};
+                                  &panda_watch, &sample_check, &following_position, &following_velocity, NULL};
 
 typedef struct {
     PyObject_HEAD
@@ -86,15 +85,15 @@ static int take(Bound *bound, int i, PyObject *array) {
         return -1;
     }
     Py_ssize_t have = view->len / view->itemsize, want;
-    if (i == 0 && arg->each == 1 && arg->fixed == 0) {
-        if (have < 1 || have > MOST_JOINTS) {
-            PyErr_Format(PyExc_ValueError, "%s: %zd joints, and it takes 1 to " SPELLED(MOST_JOINTS), bound->law->name,
-                         have);
+    if (i == 0 && arg->each == 1 && arg->fixed <= 0) {
+        int most = arg->fixed == ANY ? INT_MAX : MOST_JOINTS;
+        if (have < 1 || have > most) {
+            PyErr_Format(PyExc_ValueError, "%s: %zd joints, and it takes 1 to %d", bound->law->name, have, most);
             return -1;
         }
         bound->n = (int)have;
     }
-    want = arg->fixed + (Py_ssize_t)arg->each * bound->n;
+    want = (arg->fixed == ANY ? 0 : arg->fixed) + (Py_ssize_t)arg->each * bound->n;
     if (have != want) {
         PyErr_Format(PyExc_ValueError, "%s: %s has %zd elements instead of %zd", bound->law->name, arg->name, have,
                      want);

@@ -43,6 +43,7 @@ CAUSES = {
     Cause.DRIVER_ERROR: "a driver failed",
     Cause.CONTROLLER_ERROR: "a controller failed",
     Cause.CONTACT: "contact that must not be",
+    Cause.FOLLOWING_ERROR: "the limb doesn't follow its command",
     Cause.EMERGENCY: "an e-stop or enabling input",
     Cause.BUS_LOSS: "the bus died",
     Cause.SUPERVISOR_LOSS: "the supervisor died",

@@ -30,6 +30,8 @@ class Signal:
             knows. Where both ends of a wire know, they must agree.
         slots: the rows have no identity (unlabelled markers). They go as a whole to a port that takes slots.
         components: names along each further axis, one tuple an axis: x y z for (5, 3), joints for a Jacobian's columns.
+        plausible: the least and the greatest value that its device can give, each one number or one for each element;
+            None: what anything of this unit can be (`runtime.contracts.plausible`). Of measured signals alone.
         visual: how a viewer shows it: "points" for shape (k, 3), or (3,), which is one; "robot" for the same, drawn as
             thick as an arm; "sphere" for (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a
             trail; "arrow" for (2, 3), its start point (m) and a force (N) at that point; "skeleton" as "points", drawn
@@ -49,6 +51,7 @@ class Signal:
     slides: tuple[str, ...] | None = None
     slots: bool = False
     components: tuple[tuple[str, ...], ...] = ()
+    plausible: tuple[float | tuple[float, ...], float | tuple[float, ...]] | None = None
     visual: Literal["", "points", "skeleton", "robot", "sphere", "path", "arrow", "capsules", "gaps"] = ""
     links: tuple[tuple[int, ...], ...] = ()
     groups: tuple[str, ...] = ()
@@ -135,6 +138,10 @@ class Command(Signal):
             runtime takes a longer pause for a stalled link. Required for every command that is wired.
         timeout: s; without a further command the device ends a velocity by itself within this, and keeps to the guard's
             acceleration at least in doing so. None: it doesn't, or nobody knows.
+        lag: s; the measured position follows the command within this. With `window` it says what a limb that follows is
+            measured to do (`runtime.guard.following`).
+        window: how far a limb that follows may be from where its command was within the lag: a load, friction, a soft
+            gear. In the unit of the position; one number, or one for each element. None: the usual of this unit.
         resolution: the largest difference between a command and what leaves for the device that is normal
             (rounding, a filter in the driver), in the command's unit; one number, or one for each element.
         ordered: the order of the labels is the robot's own, known to everybody who works with it (joint1 to joint7), so
@@ -146,5 +153,7 @@ class Command(Signal):
     stops: tuple[Stop, ...] = (Stop.HOLD,)
     period: float | None = None
     timeout: float | None = None
+    lag: float = 0.2
+    window: float | tuple[float, ...] | None = None
     resolution: float | tuple[float, ...] = 0.0
     ordered: bool = False

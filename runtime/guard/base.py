@@ -273,6 +273,11 @@ class CommandGuard(ABC):
             self.reseated = True
             self.reseats += 1
 
+    @property
+    def misreported(self) -> bool:
+        """What the driver reports as sent can't have been sent, for longer than a command may wait for its link."""
+        return self._tracker.false > self._patience
+
     def last_sent(self) -> Array:
         """What was sent last, for a start there; NaN where nothing was."""
         assert self._sent is not None

@@ -15,8 +15,11 @@ class SentTracker:
     for longer than the command's period.
 
     Attributes:
-        seats: by element, where to begin anew: the newest one sent since the reset, else the first command.
+        seats: by element, where to begin anew: the newest one sent since the reset, else the first command. Always
+            within the range that the guard itself has applied since the element was last taken: what is reported can
+            narrow what the guard allows, and never widen it.
         stalled: an element is stalled.
+        false: s for which what is reported as sent, of any element, can't have been sent.
     """
 
     def __init__(self, kind: Kind, patience: float, resolution: list[float]) -> None:
@@ -35,7 +38,7 @@ class SentTracker:
         self.seats = self._low = self._high = applied  # low, high: the range that was applied since one was taken
         self._previous = [nan] * len(applied)  # what was applied one cycle ago; NaN where the guard began anew
         self._unsent = [0.0] * len(applied)  # s since one was taken
-        self.stalled = False
+        self.stalled, self.false = False, 0.0
 
     def compare(self, sent: list[float], applied: list[float], left: bool, dt: float) -> list[int]:
         """Returns the elements that part from the guard: it must begin anew there, at their `seats`.
@@ -52,7 +55,7 @@ class SentTracker:
             return []
         seats, unsent, parted = list(self.seats), list(self._unsent), []
         low, high = list(map(min, self._low, applied)), list(map(max, self._high, applied))
-        self.stalled = False
+        self.stalled, false = False, False
         for i, (s, a, before, r) in enumerate(zip(sent, applied, self._previous, self._resolution, strict=True)):
             near, late = abs(s - a) <= r, abs(s - before) <= r  # False for NaN
             # A device that rounds may hold what is applied without being sent anything. But in a stall, being near
@@ -66,19 +69,21 @@ class SentTracker:
             stalled, limited = unsent[i] > self._patience, left and isfinite(s) and not (near or late)
             if left and isfinite(s):
                 seats[i] = self._given(i, s, low[i], high[i])
+                false |= not (near or late) and abs(s - seats[i]) > r
             if limited or (stalled and (taken or not near)):
                 parted.append(i)
             self.stalled |= stalled
         previous = list(applied)
         for i in parted:
             previous[i] = nan
+        self.false = self.false + dt if false else 0.0 if left else self.false
         self.seats, self._low, self._high, self._previous, self._unsent = seats, low, high, previous, unsent
         return parted
 
     def all_taken(self, applied: list[float], dt: float) -> None:
         """After a cycle of dt seconds in which all was sent as applied."""
         self.seats = self._low = self._high = self._previous = applied
-        self._unsent, self.stalled = [dt] * len(applied), False
+        self._unsent, self.stalled, self.false = [dt] * len(applied), False, 0.0
 
     def last(self, sent: list[float], applied: list[float]) -> list[float]:
         """What was sent last, for a start there, by element; NaN where nothing was."""
@@ -90,9 +95,9 @@ class SentTracker:
     def _given(self, i: int, sent: float, low: float, high: float) -> float:
         """What can have been sent of an element for which `low` to `high` was applied since one was taken.
 
-        A driver that reports another unit or sign must not move the limb there. A velocity or torque may also end.
+        A driver that reports another unit or sign must not move the limb there, nor one that is off by no more than
+        its resolution, again and again. A velocity or torque may also end.
         """
         if self._kind is not Kind.POSITION:
             low, high = min(low, 0.0), max(high, 0.0)
-        r = self._resolution[i]
-        return low - r if sent < low - r else high + r if sent > high + r else sent
+        return low if sent < low else high if sent > high else sent

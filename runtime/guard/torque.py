@@ -19,6 +19,7 @@ LAG = 4  # periods of delay from a velocity to its torque that a damped joint su
 STILL = 0.02  # of the velocity limit: a slower joint is at rest
 SPAN = 0.1  # s of damping at least in which a joint's own motion becomes slower by SLOWS, or something else moves it
 LONGEST_SPAN = 1.0  # s: what hardly damps doesn't end a stop by being waited for
+CONFIRM = 3  # cycles in a row in which a joint's motion is over before it is held: one sample alone shows nothing
 SLOWS = 0.05  # share of the mean speed
 TAKES = 2.0  # of I/d at least, too: a joint that moves 20 times its least inertia slows by 2 SLOWS in that
 
@@ -103,7 +104,8 @@ class TorqueGuard(CommandGuard):
     A joint's own motion is over when it is still, or no slower on average in a span of damping than in the one before:
     then a hand or a load moves it on. A span is SPAN, and longer where damping takes longer: at a low rate, or where
     the effort is small. So `damp` is complete while a hand leads the limb, and `hold` doesn't creep under
-    a steady force. What a hand lets go moves by itself again.
+    a steady force. What a hand lets go moves by itself again. A joint is held once its motion is over in CONFIRM
+    cycles in a row, at the median of where it was in them: so no single sample, however wrong, moves it.
     """
 
     needs = ("velocity", "effort", "effort_rate", "inertia")
@@ -126,6 +128,7 @@ class TorqueGuard(CommandGuard):
             for inertia, b in zip(self.inertia, self._barriers, strict=True)
         ]
         self._spans = list(map(Span, self._lengths))
+        self._places: list[list[float]] = [[] for _ in range(self.size)]  # where it was while its motion is over
 
     def keep_clear(
         self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
@@ -175,14 +178,15 @@ class TorqueGuard(CommandGuard):
             if limp:
                 out.append(g)
                 continue
+            self._note(i, q[i])
             d = barrier.d
             tau = -d * qd[i]
             if category is Stop.DAMP:
                 self._held[i] = None  # it moves on: a hold after this is at another place
             else:
                 held = self._held[i]
-                if held is None and self._over(i):
-                    held = self._held[i] = q[i]
+                if held is None and self._confirmed(i):
+                    held = self._held[i] = sorted(self._places[i])[CONFIRM // 2]
                 if held is not None:
                     tau += d / HOLD_TIME * (held - q[i])
             out.append(g + tau)
@@ -192,12 +196,26 @@ class TorqueGuard(CommandGuard):
             self.at_rest = all(abs(x - t) <= self.tolerance for x, t in zip(applied, out, strict=True))
         else:
             self._watch(out, dt)
-            self.at_rest = all(map(self._over, range(self.size)))
+            self.at_rest = all(map(self._confirmed, range(self.size)))
 
     def _release(self) -> None:
         """Forgets what a stop holds, and how it went."""
         if self._spans[0].begun:
             self._held, self._spans = [None] * self.size, list(map(Span, self._lengths))
+            self._places = [[] for _ in range(self.size)]
+
+    def _note(self, i: int, q: float) -> None:
+        """Keeps where a joint was in the newest cycles in which its own motion is over."""
+        places = self._places[i]
+        if self._over(i):
+            places.append(q)
+            del places[:-CONFIRM]
+        else:
+            places.clear()
+
+    def _confirmed(self, i: int) -> bool:
+        """Whether a joint's own motion is over, by more than one sample."""
+        return len(self._places[i]) >= CONFIRM
 
     def _over(self, i: int) -> bool:
         """Whether a joint's own motion is over; see the class's docstring."""

@@ -107,6 +107,7 @@ class Cause(IntEnum):
     END = 11  # the run's duration is over
     DEVICE_FAULT = 12  # a device refuses to move: protective stop, reflex, hardware error
     CONTACT = 13  # a law found contact that must not be
+    FOLLOWING_ERROR = 14  # a limb isn't where its command is, or can't start from where it is measured
 
 
 class Origin(IntEnum):

@@ -36,6 +36,7 @@ from runtime.ipc.words import (
 from runtime.loop.backends import Backends
 from runtime.loop.departures import Departures
 from runtime.loop.fault_finder import FaultFinder
+from runtime.loop.feedback import Feedback
 from runtime.loop.guards import make_guards
 from runtime.loop.lookout import Lookout
 from runtime.loop.machine import Fault, Ladder, Machine
@@ -49,6 +50,7 @@ _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
 _LATCHES, _REFUSED = CYCLE.latches, CYCLE.refused
 _REQUEST = slice(CYCLE.request, CYCLE.request_origin + 1)
 _STOPS = (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT)
+_STARTS = (RequestKind.START, RequestKind.RESET)
 
 
 class Cycle:
@@ -89,6 +91,7 @@ class Cycle:
         self._links = graph.row.devices[:, DEVICE.link]
         self._faults = FaultFinder(graph, self._lost, self.machine.watch)
         self._departures = Departures(graph, self.guards, report)
+        self._feedback = Feedback(graph, limits, self.guards, report)
         self._lookouts = [Lookout(graph, a, report) for a in graph.actuators]
         self._laws = [
             (law.controller, compiled or law.controller, law.reads, law.measured, law.writes)
@@ -128,6 +131,8 @@ class Cycle:
         ints, machine = self._ints, self.machine
         now = int(ints[_NOW])
         before, self._fault = self._fault, self._faults.find(now)
+        following = self._feedback.find(ints.item(_DT) * 1e-9)
+        self._fault = self._fault or following
         self.struck = self._fault is not None and self._fault != before
         machine.recover = False
         degraded, too_many = self.ladder.count(now, missed)
@@ -151,10 +156,13 @@ class Cycle:
                 # A client that no longer sends must not prevent a restart of the limb without it. Overruns do, as long
                 # as they count: they would stop it again in the next cycle.
                 present = None if self._faults.of_client(self._fault) else self._fault
+                if request.kind in _STARTS and machine.state in (State.READY, State.STOPPED):
+                    present = present or overrun or self._feedback.unfit()
                 answer = machine.request(request.kind, request.origin, request.target, present or overrun)
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
-        machine.start_if_ready(fault)
+        if machine.state is State.READY and machine.automatic:
+            machine.start_if_ready(fault or self._feedback.unfit())
         stopped = machine.state in (State.STOPPING, State.STOPPED)
         self.reset_inputs.look(now, stopped and not stop and not self.struck)
         return answer
@@ -308,18 +316,21 @@ class Cycle:
     def _begin(self) -> None:
         """Resets the guards, so that the commands start without a jump, and activates the devices.
 
-        A position command starts at the measured position, else at home where the user has placed the limb
-        there, else at what was sent last. Velocity and torque guards choose their start themselves.
+        A position command of a device that was led up to now goes on from what was sent last: what one sample says,
+        however wrong, moves nothing. Else it starts at the measured position, else at home where the user has placed
+        the limb there, else at what was sent last. Velocity and torque guards choose their start themselves.
         """
         led = (self._links & LINK_ACTIVE).astype(bool).tolist()
         refused = set()  # devices of which a command can't start: such a one isn't activated, not in part either
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             start = actuator.applied.copy()
             if actuator.command.kind is Kind.POSITION:
-                if np.isfinite(actuator.sent).all():
+                known = bool(np.isfinite(actuator.sent).all())
+                if known:
                     start = guard.last_sent()
                 if actuator.measured is not None:
-                    start = actuator.measured.copy()
+                    if not (known and led[actuator.device]):
+                        start = actuator.measured.copy()
                 elif self._put_home[i] and actuator.home is not None:
                     start = actuator.home.copy()
             try:
@@ -332,6 +343,7 @@ class Cycle:
             if actuator.device not in refused:
                 self._links[actuator.device] |= LINK_ACTIVE
                 self._begun[i], self._put_home[i] = True, False
+                self._feedback.restart(i)
 
 
 def by_itself(actuator: Actuator, category: Stop) -> bool:

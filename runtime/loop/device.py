@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf, isfinite, nan
 from struct import Struct
@@ -21,12 +21,15 @@ from numpy.typing import NDArray
 from runtime.contracts.compiled import bind_or_python
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError, SrlError
-from runtime.contracts.signals import Stop
+from runtime.contracts.signals import Array, Command, Limits, Signal, Stop
+from runtime.contracts.terms import PLANAR_TWIST, POSITION_OF
 from runtime.contracts.world import Fake
+from runtime.guard.samples import SampleCheck
 from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE
 from runtime.profile.graph import Actuator
 
 RETRY = 0.5  # s between attempts to open a lost device
+SAID = 1_000_000_000  # ns between two events about samples that aren't taken
 SILENT = 2_000_000_000  # ns that an active device may take for its first command
 _HEALTH = DEVICE.commands  # number of words that `Health` gives
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
@@ -72,6 +75,10 @@ class Device:
         self._wanted, self._back, self._closing = threading.Event(), threading.Event(), threading.Event()
         self._reopener: threading.Thread | None = None
         self._next_try = 0
+        self._samples = SampleCheck(driver.states, driver.state_arrays)
+        self._stamp = -1  # of the newest sample that was taken
+        self._jump = ""  # a fault: where it is measured isn't where it can have moved to
+        self._said = -SAID  # ns, when it was last reported that a sample isn't taken
         self._fault = ""  # the newest reported fault
         # ns, since when it is active without a command; -1 while it isn't active; None once it has sent one
         self._active_since: int | None = -1
@@ -87,25 +94,37 @@ class Device:
             self._reopener = threading.Thread(target=self._reopen, name=f"reopen-{self.driver.name}", daemon=True)
             self._reopener.start()
 
+    def expect(self, limits: Mapping[str, Limits]) -> None:
+        """From now on a sample of a commanded joint must be where the joint can have moved to.
+
+        Args:
+            limits: by command name, what the guard keeps to.
+        """
+        signals = {s.name: s for s in self.driver.states}
+        for actuator in self.actuators:
+            feedback, most = signals.get(actuator.command.feedback or ""), limits[actuator.name].velocity
+            if feedback is not None and most is not None:
+                self._samples.expect(feedback.name, speed_of(feedback, actuator.command, most))
+
     def read(self, now: int) -> None:
-        """Reads the driver and copies its health into the row."""
+        """Reads the driver, judges what it has read, and copies its health into the row."""
         was_lost = self.lost
         if was_lost:
             self._await_return(now)
         else:
             self._call("read", now, self.driver.read, now)
+            if not self.lost and self.driver.health.stamp >= 0:
+                self._judge(now)
         health, words = self.driver.health, self.words
         link = words.item(DEVICE.link) & _KEPT
         # The row shows a return one cycle late, so that every loss is seen, however short.
         if not was_lost and not self.lost and health.connected:
             link |= LINK_CONNECTED
-            if health.fault:
+            if health.fault or self._jump:
                 link |= LINK_FAULT
-        if health.fault != self._fault:
-            self._fault = health.fault
-            self._report(
-                f"'{self.driver.name}': {health.fault}" if health.fault else f"'{self.driver.name}' is well again"
-            )
+        if (fault := health.fault or self._jump) != self._fault:
+            self._fault = fault
+            self._report(f"'{self.driver.name}': {fault}" if fault else f"'{self.driver.name}' is well again")
         if self._failing:
             # A method that is not called now can't show that it works again.
             if not link & LINK_ACTIVE:
@@ -113,7 +132,25 @@ class Device:
             if not health.fault:
                 self._failing.discard("recover")
             link |= LINK_ERROR * bool(self._failing)
-        self._tell(health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects)
+        errors = health.errors + self._samples.refused
+        self._tell(self._stamp, link, health.frames, errors, health.resyncs, health.reconnects)
+
+    def _judge(self, now: int) -> None:
+        """Takes the sample that the driver has read, unless it can't be true; then the one before stays."""
+        samples, name = self._samples, self.driver.name
+        if samples.take(self.driver.health.stamp, now):
+            if samples.settled:
+                self._stamp = self.driver.health.stamp
+            if samples.jumped:
+                text = f"it jumped: {samples.last}"
+                if self.active:
+                    self._jump = text
+                else:
+                    self._report(f"'{name}': {text}")
+        elif samples.odd is not None and now - self._said >= SAID:
+            self._said = now
+            signal, element, _, why = samples.odd
+            self._report(f"'{name}': a sample isn't taken: {signal}{f'[{element}]' if element else ''} {why}")
 
     def write(self, now: int) -> None:
         """Sends the commands, except while the device is lost."""
@@ -180,6 +217,7 @@ class Device:
 
     def recover(self, now: int) -> None:
         """Starts the recovery of a device with a fault, except while the device is lost."""
+        self._jump = ""  # a person has seen to it
         if not self.lost and self.driver.health.fault:
             self._report(f"'{self.driver.name}' is told to recover from: {self.driver.health.fault}")
             self._call("recover", now, self.driver.recover, now)
@@ -203,6 +241,8 @@ class Device:
     def _lose(self, reason: str, now: int) -> None:
         self.lost = True
         self._failing.clear()
+        self._samples.forget()
+        self._jump = ""
         self._next_try = now + round(RETRY * 1e9)
         self._report(f"lost {reason}")
         self.on_loss(self)
@@ -257,3 +297,21 @@ class Device:
         if self._reopener is not None:
             self._reopener.join(2.0)
         self.driver.close()
+
+
+def speed_of(feedback: Signal, command: Command, most: Array) -> Array:
+    """(size,) of the feedback: the greatest speed of each of its elements that this command asks; inf: of the others.
+
+    Args:
+        feedback: the state that measures the command's joints.
+        command: the command.
+        most: its velocity limit, of the command's shape.
+    """
+    limit = most.ravel().tolist()
+    if command.labels == PLANAR_TWIST:  # the base's axes turn in the frame of the pose
+        limit[:2] = [max(limit[:2])] * 2
+    names = [POSITION_OF.get(n, n) if command.labels == PLANAR_TWIST else n for n in command.names]
+    of = dict(zip(names, limit, strict=True)) if names else {}
+    if of and feedback.names:
+        return np.array([of.get(name, inf) for name in feedback.names])
+    return np.array(limit) if feedback.size == command.size else np.full(feedback.size, inf)

@@ -47,7 +47,10 @@ class Lockstep:
         for device in self.devices:
             device.driver.open()
         self._commanded = [device for device in self.devices if device.actuators]
-        self.cycle = Cycle(graph, limits_of(graph), automatic=True, report=report)
+        limits = limits_of(graph)
+        for device in self.devices:
+            device.expect(limits)
+        self.cycle = Cycle(graph, limits, automatic=True, report=report)
 
     def sense(self) -> None:
         """The first half of a step: advances the world by a period and reads the devices."""

@@ -38,6 +38,7 @@ class Machine:
         latches: what keeps the stop; none of them stands while the limb may move.
         override: the stop category of every actuator; None: each actuator's own.
         exiting: True if the run ends once the limb is at rest.
+        automatic: leave READY without a request.
         recover: True in the cycle in which a start or reset was refused because a fault is present. The devices
             are then told to recover. The user sends the request again once the devices have recovered.
     """
@@ -66,7 +67,7 @@ class Machine:
         self.override: Stop | None = None
         self.exiting = False
         self.recover = False
-        self._automatic = automatic
+        self.automatic = automatic
         self._granted = granted
         self._well = False  # every device that concerns the stop has been well since the start
         self._emergency = emergency
@@ -77,6 +78,7 @@ class Machine:
             Cause.DRIVER_ERROR: faults.driver_error,
             Cause.CONTROLLER_ERROR: faults.controller_error,
             Cause.CONTACT: faults.contact,
+            Cause.FOLLOWING_ERROR: faults.following_error,
             Cause.BUS_LOSS: faults.bus_loss,
         }
 
@@ -139,7 +141,7 @@ class Machine:
 
     def start_if_ready(self, present: Fault | None) -> None:
         """Leaves READY without a request, once no fault is present, if the run starts automatically."""
-        if self.state is State.READY and self._automatic and present is None and not self.exiting:
+        if self.state is State.READY and self.automatic and present is None and not self.exiting:
             self._begin()
 
     def _begin(self) -> None:

@@ -131,6 +131,8 @@ class Process:
 
     def _loop(self, graph: Graph) -> None:
         limits = limits_of(graph)
+        for device in self.devices:
+            device.expect(limits)
         clock = self._clock(graph)
         cycle = Cycle(graph, limits, self.launch.automatic, latches.of_names(self.launch.latches), self.report)
         meta = graph.layout.meta

@@ -45,6 +45,7 @@ REMEDIES: Final = {
     Cause.DEVICE_FAULT: "Look at {who} itself: its lamp, its pendant. Mend that. The first reset asks it to recover "
     "and is refused; the second starts the limb.",
     Cause.CONTACT: "See what the limb pushes on, and free it. Then reset.",
+    Cause.FOLLOWING_ERROR: "See what holds the limb, or whether its load is too heavy. Then reset.",
     Cause.END: "Begin a new run.",
 }
 STANDING: Final = {

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from runtime.contracts.per_element import NotNegative
+from runtime.contracts.per_element import NotNegative, Positive
 from runtime.guard.limits import GuardLimits
 from runtime.profile.wire import Input
 
@@ -37,7 +37,19 @@ class ClearEntry(BaseModel):
         return dict(self.model_extra or {})
 
 
+class FollowingEntry(BaseModel):
+    """`guard.<command>.following_error`: how far the limb may be from its command, and for how long."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    window: Positive | list[Positive] | dict[str, Positive] | None = Field(
+        None, description="rad or m; None: what the driver says of its device"
+    )
+    timeout: float = Field(0.5, gt=0, le=60, description="s that an error beyond the window may last")
+
+
 class GuardEntry(GuardLimits):
     """`guard.<command>`."""
 
+    following_error: FollowingEntry | Literal["off"] = FollowingEntry()
     clear: ClearEntry | None = None

@@ -148,6 +148,7 @@ class Faults(Part):
     driver_error: Reaction = Field("stop", alias="driver-error")
     controller_error: Reaction = Field("stop", alias="controller-error")
     contact: Reaction = "stop"
+    following_error: Reaction = Field("stop", alias="following-error")
     bus_loss: Reaction | Literal["ignore"] = Field("ignore", alias="bus-loss")
     overrun: OverrunLadder = OverrunLadder()
 

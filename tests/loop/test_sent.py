@@ -148,7 +148,7 @@ def test_a_driver_that_reports_wrongly_stops_the_limb_and_not_the_loop(
 def test_a_start_without_feedback_is_never_where_nothing_was_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A servo whose driver reports degrees was sent to 40 rad after a loss."""
+    """A servo whose driver reports degrees was sent to 40 rad after a loss. Now that is a fault of the device, too."""
     monkeypatch.setattr(device_module, "RETRY", 0.01)
     write = Toy.write
 
@@ -167,7 +167,8 @@ def test_a_start_without_feedback_is_never_where_nothing_was_given(
             b.ask("reset")
 
     b.run(160, script)
-    assert b.states[-1][0] in (State.HOMING, State.ACTIVE)
+    assert b.states[-1] == (State.STOPPED, Cause.DEVICE_FAULT)
+    assert any("which can't have been" in text for text in b.events)
     assert np.abs(np.diff(np.array(b.arm.sent), axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
 
 

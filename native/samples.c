@@ -1,0 +1,73 @@
+/* What runtime/guard/samples.py and runtime/guard/following.py do in the ordinary cycle. */
+#include <stddef.h>
+
+#include "law.h"
+
+/* -- each sample of a device: within what can be, and where a joint can have moved to */
+
+enum { LOW, HIGH, SLACK, SPEED, WIDE };
+enum { LAST, BEFORE, EARLIER, KEPT };
+
+static int sample_step(double *const *a, int n, double dt, int flag) {
+    const double *values = a[0], *limits = a[1];
+    double *state = a[2];
+    for (int i = 0; i < n; i++) {
+        double x = values[i];
+        const double *l = limits + WIDE * i;
+        if (!isfinite(x)) continue; /* it says that the value isn't known */
+        if (x < l[LOW] || x > l[HIGH] || fabs(x - state[KEPT * i + LAST]) > l[SLACK] + l[SPEED] * dt) return RARE;
+    }
+    for (int i = 0; i < n; i++) {
+        double x = values[i], *s = state + KEPT * i;
+        if (flag || !(x == s[BEFORE])) s[EARLIER] = s[BEFORE], s[BEFORE] = x;
+        if (isfinite(x)) s[LAST] = x;
+    }
+    return DONE;
+}
+
+static const Arg sample_args[] = {{"values", ANY, 1, 0}, {"limits", 0, WIDE, 0}, {"state", 0, KEPT, 1}, {NULL, 0, 0, 0}};
+const Law sample_check = {"sample-check", sample_step, sample_args};
+
+/* -- a commanded position: whether the limb is where its command was within the lag */
+
+static int position_step(double *const *a, int n, double dt, int flag) {
+    const double *measured = a[0], *applied = a[1], *window = a[2];
+    double *trace = a[4], share = least_of(1.0, dt / a[3][0]);
+    int far = 0;
+    (void)flag;
+    for (int i = 0; i < n; i++) {
+        trace[i] += (applied[i] - trace[i]) * share;
+        double low = least_of(trace[i], applied[i]) - window[i], high = most_of(trace[i], applied[i]) + window[i];
+        far |= !(measured[i] >= low && measured[i] <= high);
+    }
+    return far ? LIMITED : DONE;
+}
+
+static const Arg position_args[] = {
+    {"measured", 0, 1, 0}, {"applied", 0, 1, 0}, {"window", 0, 1, 0}, {"lag", 1, 0, 0}, {"trace", 0, 1, 1}, {NULL, 0, 0, 0},
+};
+const Law following_position = {"following-position", position_step, position_args};
+
+/* -- a commanded velocity: whether the way that was measured is the way that was commanded; flag: x, y, yaw of a base */
+
+static int velocity_step(double *const *a, int n, double dt, int flag) {
+    const double *measured = a[0], *applied = a[1], *window = a[2];
+    double *behind = a[4], *before = a[5], keep = 1.0 - least_of(1.0, dt / a[3][0]), way[MOST_JOINTS];
+    int far = 0;
+    for (int i = 0; i < n; i++) way[i] = measured[i] - before[i], before[i] = measured[i];
+    if (flag && n == 3) {
+        double c = cos(measured[2]), s = sin(measured[2]), x = way[0], y = way[1];
+        way[0] = c * x + s * y, way[1] = c * y - s * x;
+    }
+    for (int i = 0; i < n; i++) {
+        behind[i] = behind[i] * keep + (applied[i] * dt - way[i]);
+        far |= !(fabs(behind[i]) <= window[i]);
+    }
+    return far ? LIMITED : DONE;
+}
+
+static const Arg velocity_args[] = {
+    {"measured", 0, 1, 0}, {"applied", 0, 1, 0}, {"window", 0, 1, 0}, {"memory", 1, 0, 0}, {"behind", 0, 1, 1},
+    {"before", 0, 1, 1}, {NULL, 0, 0, 0},
+};
+const Law following_velocity = {"following-velocity", velocity_step, velocity_args};

@@ -1,0 +1,109 @@
+"""The following error of a command: how far the limb is from where it was commanded, and for how long.
+
+The terms are CiA 402's (following error window 0x6065 and time-out 0x6066). A limb that is outside its window for longer
+than the time-out doesn't follow: it is blocked, too weak for its load, unpowered, or measured wrong.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from runtime.contracts.compiled import bind_or_python
+from runtime.contracts.signals import Array, Command, Kind
+from runtime.contracts.terms import PLANAR_TWIST
+
+WINDOW: Final = {"rad": 0.25, "m": 0.03, "1": 0.25}  # of a position, by its unit
+PLANAR_WINDOW: Final = (0.25, 0.25, 0.5)  # m, m, rad
+TIMEOUT: Final = 0.5  # s
+MEMORY: Final = 2.0  # s in which a velocity's following error is forgotten: scale and odometry drift
+
+
+class FollowingError:
+    """Follows one command with feedback.
+
+    A position is compared with the range in which its command was within the lag: the command, and what follows it with
+    the lag's time constant. Of a velocity, the way that was measured is compared with the way that was commanded.
+    A torque says nothing of where the limb should be: it has none.
+
+    Attributes:
+        window: (size,), in the unit of the position: the largest error that is normal.
+        timeout: s that an error may last.
+        exceeded: the error has lasted longer than that.
+    """
+
+    def __init__(
+        self, command: Command, measured: Array, applied: Array, speed: Array,
+        window: Array | None = None, timeout: float = TIMEOUT,
+    ) -> None:  # fmt: skip
+        """
+        Args:
+            command: the command; its `lag` and `window` say what is normal.
+            measured: position of the same joints, of the command's shape.
+            applied: the guarded command.
+            speed: (size,), the greatest speed that is commanded.
+            window: in the place of the command's own.
+            timeout: s.
+        """
+        self._measured, self._applied, self._size = measured, applied, command.size
+        self._position = command.kind is Kind.POSITION
+        self._planar = command.labels == PLANAR_TWIST
+        usual = PLANAR_WINDOW if self._planar else WINDOW.get(command.unit.removesuffix("/s"), WINDOW["rad"])
+        given = command.window if window is None else window
+        self.window: Array = np.array(np.broadcast_to(usual if given is None else given, self._size), np.float64)
+        if not self._position and window is None:  # on its way to the new velocity the limb is late
+            self.window += command.lag * np.where(np.isfinite(speed), speed, 0.0)
+        self.timeout = timeout
+        self._state, self._before = np.zeros(self._size), np.zeros(self._size)
+        self._span = np.array([max(command.lag, 1e-3) if self._position else MEMORY])
+        self._for = 0.0
+        self.exceeded = False
+        if self._position:
+            self._step = bind_or_python("following-position", measured, applied, self.window, self._span, self._state)
+        else:
+            self._step = bind_or_python(
+                "following-velocity", measured, applied, self.window, self._span, self._state, self._before
+            )
+
+    def restart(self) -> None:
+        """The limb begins to be commanded, from where it is."""
+        self._state[:] = self._applied.ravel() if self._position else 0.0
+        self._before[:] = self._measured.ravel()
+        self._for, self.exceeded = 0.0, False
+
+    def step(self, dt: float) -> bool:
+        """After a cycle of dt seconds; the new measurement is there. Returns `exceeded`."""
+        if (found := self._step(dt, self._planar)) < 0:
+            found = self._compute(dt)
+        self._for = self._for + dt if found else 0.0
+        self.exceeded = self._for > self.timeout
+        return self.exceeded
+
+    def errors(self) -> Array:
+        """(size,): the present following error, measured less commanded, beyond what the lag explains."""
+        if not self._position:
+            return -self._state
+        q, a = self._measured.ravel(), self._applied.ravel()
+        nearest: Array = np.clip(q, np.minimum(a, self._state), np.maximum(a, self._state))
+        return q - nearest
+
+    def fits(self) -> bool:
+        """Whether the limb is now within its window."""
+        return bool((np.abs(self.errors()) <= self.window).all())
+
+    def _compute(self, dt: float) -> bool:
+        """What C does, in Python."""
+        q, a = self._measured.ravel(), self._applied.ravel()
+        share = min(1.0, dt / self._span[0])
+        if self._position:
+            self._state += (a - self._state) * share
+            return not self.fits()
+        way = q - self._before
+        self._before[:] = q
+        if self._planar:
+            c, s = np.cos(q[2]), np.sin(q[2])
+            way[:2] = c * way[0] + s * way[1], c * way[1] - s * way[0]
+        self._state *= 1.0 - share
+        self._state += a * dt - way
+        return not self.fits()

@@ -1,0 +1,132 @@
+"""What the feedback of commanded devices shows: limbs that don't follow, drivers that report what can't be, bad starts.
+
+Reads only the row and the guards, so a replay finds the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from runtime.contracts.per_element import in_order
+from runtime.contracts.signals import Array, Limits
+from runtime.guard import CommandGuard
+from runtime.guard.following import WINDOW, FollowingError
+from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Cause
+from runtime.loop.machine import Fault
+from runtime.profile.graph import Actuator, Graph
+
+_WELL = LINK_ACTIVE | LINK_CONNECTED
+
+
+class Feedback:
+    """Watches every command of a system; see the module's docstring."""
+
+    def __init__(
+        self, graph: Graph, limits: Mapping[str, Limits], guards: Sequence[CommandGuard], report: Callable[[str], None]
+    ) -> None:
+        """
+        Args:
+            graph: the wired system.
+            limits: by command name.
+            guards: by actuator.
+            report: takes the text of an event; called rarely.
+        """
+        self._graph, self._guards, self._report = graph, guards, report
+        self._links = graph.row.devices[:, DEVICE.link]
+        self._monitors = [_monitor(graph, a, guard) for a, guard in zip(graph.actuators, guards, strict=True)]
+        self._said: dict[int, str] = {}  # by actuator, what of it was reported and is still so
+        self._unfit = ""
+
+    def restart(self, i: int) -> None:
+        """Actuator `i` begins to be commanded."""
+        if (monitor := self._monitors[i]) is not None:
+            monitor.restart()
+
+    def find(self, dt: float) -> Fault | None:
+        """The fault of this cycle, dt seconds after the one before: the first command's that has one."""
+        fault = None
+        for i, (actuator, monitor) in enumerate(zip(self._graph.actuators, self._monitors, strict=True)):
+            link = self._links.item(actuator.device)
+            if not link & LINK_ACTIVE:
+                continue
+            if self._guards[i].misreported:
+                text = f"'{actuator.name}': its driver reports {_numbers(actuator.sent)} as sent, which can't have been"
+                fault = fault or Fault(Cause.DEVICE_FAULT, actuator.device)
+            elif monitor is not None and link & (_WELL | LINK_STALE) == _WELL and monitor.step(dt):
+                text = self._behind(actuator, monitor)
+                fault = fault or Fault(Cause.FOLLOWING_ERROR, actuator.device)
+            else:
+                if i in self._said and (monitor is None or monitor.fits()):
+                    del self._said[i]
+                continue
+            if i not in self._said:
+                self._said[i] = text
+                self._report(text)
+        return fault
+
+    def unfit(self) -> Fault | None:
+        """Why no command can start from where the limb is measured; None if all can.
+
+        A device that was led up to now is where it was sent, within its window. One that wasn't must be within its
+        limits, or beyond them by no more than that.
+        """
+        for actuator, guard, monitor in zip(self._graph.actuators, self._guards, self._monitors, strict=True):
+            if actuator.measured is None or not np.isfinite(actuator.measured).all():
+                continue  # the guard itself refuses to start from what isn't finite
+            led = self._links.item(actuator.device) & LINK_ACTIVE
+            q = actuator.measured.ravel()
+            if led and monitor is not None:
+                why = "" if monitor.fits() else self._behind(actuator, monitor)
+            elif guard.held_in:
+                window = WINDOW["rad"] if monitor is None else monitor.window
+                low, high = np.array(guard.lower) - window, np.array(guard.upper) + window
+                i = int(np.argmax(np.maximum(low - q, q - high)))
+                inside = low[i] <= q[i] <= high[i]
+                range_ = f"{guard.lower[i]:.4g} to {guard.upper[i]:.4g}"
+                why = "" if inside else f"'{actuator.name}': {_name(actuator, i)} is at {q[i]:.4g}, its limits are {range_}"
+            else:
+                continue
+            if why:
+                if why[:40] != self._unfit[:40]:
+                    self._report(f"no start: {why}. Bring it there, or look for what measures it wrong; then reset")
+                self._unfit = why
+                return Fault(Cause.FOLLOWING_ERROR, actuator.device)
+        self._unfit = ""
+        return None
+
+    def _behind(self, actuator: Actuator, monitor: FollowingError) -> str:
+        errors = monitor.errors()
+        i = int(np.argmax(np.abs(errors) - monitor.window))
+        return (
+            f"'{actuator.name}' isn't followed: {_name(actuator, i)} is {errors[i]:+.3g} from where it was commanded "
+            f"({monitor.window[i]:.3g} for {monitor.timeout:g} s is normal)"
+        )
+
+
+def _monitor(graph: Graph, actuator: Actuator, guard: CommandGuard) -> FollowingError | None:
+    """The monitor of a command; None where there is no feedback, it is a torque, or the profile says `off`."""
+    entry = graph.profile.guard.get(actuator.name)
+    wanted = None if entry is None else entry.following_error
+    if actuator.measured is None or actuator.command.kind == "torque" or wanted == "off":
+        return None
+    window: Array | None = None
+    timeout = {}
+    if wanted is not None and not isinstance(wanted, str):
+        command = actuator.command
+        timeout = {"timeout": wanted.timeout}
+        if wanted.window is not None:
+            values = in_order(wanted.window, command.labels, size=command.size, ordered=command.ordered)
+            window = np.array(values, np.float64)
+    speed = np.array(guard.max_velocity)
+    return FollowingError(actuator.command, actuator.measured, actuator.applied, speed, window, **timeout)
+
+
+def _name(actuator: Actuator, i: int) -> str:
+    names = actuator.command.names
+    return names[i] if names else f"element {i}"
+
+
+def _numbers(values: Array) -> str:
+    return ", ".join(f"{v:.4g}" for v in values.ravel().tolist())
