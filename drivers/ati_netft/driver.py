@@ -29,6 +29,7 @@ _WRAP: Final = 1 << 32
 _BEGINNING: Final = 100  # greatest sequence number that counts as the beginning of a stream
 _RESYNC: Final = 20  # consecutive records out of order after which the order is established anew
 _OVERTAKEN: Final = 100  # samples by which a datagram may be late
+BIASED: Final = 2.0  # of its rating: what a sensor can give, whose zero may be anywhere in it
 _STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m: used if the ranges aren't known
 _REMEDY: Final = "Check the address, the cable and the power, and that no other program reads this sensor"
 
@@ -218,6 +219,9 @@ class AtiNetFt(Sensor):
         self._family = config.family or status.family(found.product)
         self._time = DeviceTime(1e9 / rate, bits=32) if rate else None
         self._scale = np.array([found.force] * 3 + [found.torque] * 3)
+        if found.range:
+            most = BIASED * np.array(found.range)
+            self.ranges["wrench"] = -most, most
 
     def _start(self, link: Datagrams) -> Record:
         """Requests the stream until its first record comes."""

@@ -20,6 +20,7 @@ from runtime.contracts.signals import Array, Signal
 SLACK: Final = {"rad": 0.02, "m": 0.005, "m, rad": 0.05, "1": 0.02}
 LONGEST: Final = 0.5  # s: after a longer pause no more motion is believed than in this time
 SPEED: Final = 2.0  # of a joint's greatest commanded speed: a hand or a load may move it faster
+JUMP: Final = 8.0  # of a force sensor's range, the largest step that one sample is believed
 AGREE: Final = 3  # samples that must agree: the first ones, and those after a jump
 _WIDE: Final = 4  # low, high, slack, speed
 _LAST, _BEFORE, _EARLIER = range(3)  # the newest value taken; the newest two that came
@@ -63,6 +64,7 @@ class SampleCheck:
             at += s.size
         self._state = np.full((size, 3), np.nan)
         self._moves: list[int] = []  # elements whose steps are judged
+        self._joints = np.zeros(size, bool)  # of those, the commanded ones
         self.odd: Odd | None = None
         self.last = ""
         self.jumped, self.refused, self._agreed = False, 0, 0
@@ -90,7 +92,26 @@ class SampleCheck:
                 rows = slice(at, at + s.size)
                 self._limits[rows, 2] = SLACK.get(s.unit, SLACK["rad"])
                 self._limits[rows, 3] = SPEED * np.ravel(speed)
-                self._moves += [at + i for i in range(s.size) if np.isfinite(self._limits[at + i, 3])]
+                judged = np.isfinite(self._limits[rows, 3])
+                self._joints[rows] |= judged
+                self._moves += np.flatnonzero(judged).tolist()
+            at += s.size
+
+    def narrow(self, name: str, low: Array, high: Array) -> None:
+        """From now on this state's values lie within what its very device can give, and jump by an eighth of it at most.
+
+        Args:
+            name: of the state.
+            low, high: (size,).
+        """
+        at = 0
+        for s in self._signals:
+            if s.name == name:
+                rows = slice(at, at + s.size)
+                self._limits[rows, 0] = np.maximum(self._limits[rows, 0], low)
+                self._limits[rows, 1] = np.minimum(self._limits[rows, 1], high)
+                self._limits[rows, 2], self._limits[rows, 3] = (high - low) / JUMP, 0.0
+                self._moves += range(at, at + s.size)
             at += s.size
 
     @property
@@ -149,7 +170,7 @@ class SampleCheck:
         if outside.any() or moved.any():
             i = int(np.argmax(outside if outside.any() else moved))
             self._name(rows.start + i, values, i, limits[i], state[i], bool(outside.any()), dt)
-        elif self.settled and (far & (state[:, _BEFORE] != state[:, _LAST])).any():
+        elif self.settled and (far & self._joints[rows] & (state[:, _BEFORE] != state[:, _LAST])).any():
             self.jumped = True
         changed = new | (values != state[:, _BEFORE])
         state[changed, _EARLIER] = state[changed, _BEFORE]
@@ -160,7 +181,7 @@ class SampleCheck:
 
     def _name(self, at: int, values: Array, i: int, limits: Array, state: Array, outside: bool, dt: float) -> None:
         signal, element = self._element(at)
-        unit = signal.unit
+        unit = "" if "," in signal.unit else signal.unit
         if outside:
             why = f"{values[i]:.6g} {unit} can't be: {limits[0]:g} to {limits[1]:g}"
         else:

@@ -101,6 +101,8 @@ class Device:
             limits: by command name, what the guard keeps to.
         """
         signals = {s.name: s for s in self.driver.states}
+        for name, (low, high) in self.driver.ranges.items():
+            self._samples.narrow(name, low, high)
         for actuator in self.actuators:
             feedback, most = signals.get(actuator.command.feedback or ""), limits[actuator.name].velocity
             if feedback is not None and most is not None:

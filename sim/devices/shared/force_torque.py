@@ -47,6 +47,7 @@ class ForceTorqueFake(Sensor, SampledFake):
         self._offset = np.array(options.offset)
         self.range: Array = np.array(options.range)
         self._least = -self.range
+        self.ranges["wrench"] = -2 * self.range, 2 * self.range
         self._bounds = self._offset.tolist(), self.range.tolist()
         self._bias: Array = np.zeros(6)
         self.part = self.cell.part(FtSensorPart, name, options.part)
