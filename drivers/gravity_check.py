@@ -8,6 +8,7 @@ from typing import Final
 from runtime.contracts.rotation import Quaternion, Vector, turned
 
 _TAU: Final = 5.0  # s, over which the acceleration of motion averages out, also of walking in a circle
+MOST: Final = 4e3  # m/s^2
 DISAGREE: Final = radians(12.0)  # a sensor at rest is 1.5 degrees off, in motion 2.5 (BNO08X datasheet, figure 6-12)
 
 
@@ -26,7 +27,12 @@ class GravityCheck:
         self.disagrees = 0.0
 
     def agree(self, orientation: Quaternion, force: Vector) -> bool:
-        """Takes a sample: w x y z of the sensor in a frame with z up, and m/s^2 in the sensor's axes."""
+        """Takes a sample: w x y z of the sensor in a frame with z up, and m/s^2 in the sensor's axes.
+
+        A force beyond all reason isn't averaged: one would take minutes to be forgotten.
+        """
+        if not max(map(abs, force)) < MOST:
+            return True
         up = turned(orientation, force)
         self._count += 1
         share = max(1.0 / self._count, 1.0 / self._enough)

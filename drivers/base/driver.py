@@ -76,6 +76,7 @@ class MobileBase(Driver):
         self._expiry = round(config.expiry * 1e9)
         self._was_lost = False
         self._pose, self._twist = np.zeros(3), np.zeros(3)
+        self._repeated = 0  # ns, when the newest came whose stamp isn't newer
         self._offset = 0  # the robot's clock minus ours, ns
         self._arrived = 0
         self._written = 0
@@ -134,6 +135,12 @@ class MobileBase(Driver):
         health.unsent = len(self._zero) if self._link.untaken else 0
         if time.monotonic_ns() - self._arrived > SILENT:
             self._lose()
+            if self._repeated > self._arrived:
+                raise DeviceLostError(
+                    self.name,
+                    "its odometry comes, but its stamp stands still or went back",
+                    "Check the robot's clock, and that the publisher of its odometry sets header.stamp",
+                )
             raise DeviceLostError(
                 self.name,
                 f"no odometry came for {SILENT / 1e9:g} s" + (f" ({reader.problem})" if reader.errors else ""),
@@ -275,6 +282,7 @@ class MobileBase(Driver):
                 continue
             stamp = self._time.stamp(message.stamp, sample.arrived)
             if stamp is None:
+                self._repeated = sample.arrived
                 continue  # a repetition, or the robot's clock was set back: not new in either case
             self._arrived = sample.arrived
             self._offset = message.stamp - stamp

@@ -79,7 +79,7 @@ class OdometryReader:
 
 def read_odometry(payload: bytes) -> Odometry:
     """Decodes a payload. Raises ValueError with the problem."""
-    if payload[:_HEADER] != cdr.HEADER:
+    if not cdr.is_cdr(payload):
         raise ValueError("it doesn't begin with 00 01 00 00 (CDR, little endian)")
     try:
         seconds, nanoseconds = _STAMP.unpack_from(payload, _HEADER)

@@ -33,8 +33,15 @@ def root_of(subject: Subject) -> Segment | None:
 
 
 def select(config: CaptureConfig, subjects: Iterable[Subject]) -> Selection:
-    """Resolves the names that the server has; the others go to `missing`."""
-    by_name = {subject.name: subject for subject in subjects}
+    """Resolves the names that the server has; the others go to `missing`, and so do those that two subjects have."""
+    by_name: dict[str, Subject] = {}
+    twice = set()
+    for subject in subjects:
+        if subject.name in by_name:
+            twice.add(subject.name)
+        by_name[subject.name] = subject
+    for name in twice:
+        del by_name[name]
     found = Selection()
     for row, (name, target) in enumerate(config.segments.items()):
         owner, _, wanted = target.partition("/")
@@ -63,6 +70,8 @@ def refuse(config: CaptureConfig, subjects: Sequence[Subject], missing: str, pla
     owner, _, wanted = targets[missing].partition("/")
     subject = next((s for s in subjects if s.name == owner), None)
     line = f"Correct '{kind}s: {{{missing}: {targets[missing]}}}'"
+    if len([s for s in subjects if s.name == owner]) > 1:
+        return DeviceError(place, f"two of its subjects are called '{owner}'", "Give each its own name there")
     if subject is None:
         names = [s.name for s in subjects]
         return DeviceError(

@@ -70,7 +70,7 @@ class ServoConfig(AxisConfig):
     @property
     def entry(self) -> Entry:
         """What a calibration rests on. Bounds and home aren't in it: they are the axis' own."""
-        return self.model_dump(include={"id", "model", "reversed", "zero", "m_per_rad", "offset"})
+        return self.model_dump(include={"id", "model", "reversed", "zero", "m_per_rad", "offset", "reverse_mode"})
 
     @property
     def mirror(self) -> float:
@@ -127,6 +127,8 @@ class MotorConfig(ServoConfig):
     """One axis and its MX servo."""
 
     model: Literal["MX-28", "MX-64", "MX-106"]
+    offset: int = Field(0, ge=-1_044_479, le=1_044_479, description="counts, the servo's homing offset")
+    reverse_mode: bool = Field(False, description="the servo's drive mode is reverse")
 
     @property
     def facts(self) -> Model:
@@ -168,6 +170,12 @@ class DynamixelConfig(DeviceConfig):
     def _fits(self) -> Self:
         check_axes(self.motors)
         for name, motor in self.motors.items():
+            if self.protocol == 1 and motor.offset:
+                raise ValueError(f"{name}: 'offset' is for protocol 2")
+            if self.mode == "position" and abs(motor.offset) > 1024:
+                raise ValueError(
+                    f"{name}: over one turn a servo ignores an offset beyond 1024 counts; this is {motor.offset}"
+                )
             if self.mode == "effort" and not motor.facts.senses_current:
                 raise ValueError(f"{name} is an {motor.model}, which has no current control; 'effort' needs it")
         if baud_code(self.baudrate, self.protocol) is None:

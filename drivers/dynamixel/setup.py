@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Final
 
+from drivers.dynamixel.config import MotorConfig
 from drivers.dynamixel.family import RETURN_DELAY, WATCHDOG, Family2
 from drivers.dynamixel.session import Session, find
 from drivers.dynamixel.table import Register
 from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Limits
 
+SLAVE: Final = 2  # bit of the drive mode
+NO_ID: Final = 255  # of a secondary id
 _WIZARD: Final = "Set it with the vendor's DYNAMIXEL Wizard"
 _SIZES: Final = {1: 74, 2: 147}  # bytes from address 0 on that are read
 
@@ -47,12 +50,11 @@ def set_up(session: Session, scan: bool) -> Bus:
     for i, (name, motor) in enumerate(config.motors.items()):
         memory, error = _look(session, i, name, motor.id)
         table = family.tables[i]
+        _check(session, name, motor, table, memory)
         if isinstance(family, Family2):
-            _check2(session, name, motor.id, table, memory)
             error = table["hardware_error_status"].decode(memory)
             wanted = {"operating_mode": family.MODES[config.mode]}
         else:
-            _check1(session, name, motor.id, table, memory)
             wanted = _limits1(session, name, motor.id, table, memory)
         powered = bool(table["torque_enable"].decode(memory))
         if config.return_delay is not None and not powered:
@@ -104,19 +106,31 @@ def _look(session: Session, i: int, name: str, id: int) -> tuple[bytes, int]:
     return status.data, status.error
 
 
-def _check2(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> None:
-    if table["drive_mode"].decode(memory) & 2:
+def _check(session: Session, name: str, motor: MotorConfig, table: dict[str, Register], memory: bytes) -> None:
+    """Raises DeviceError for a servo whose memory gives a position, a goal or a limit another meaning."""
+    config, who = session.family.config, f"'{name}' (id {motor.id})"
+    found = {key: register.decode(memory) for key, register in table.items() if register.end <= len(memory)}
+    if found.get("drive_mode", 0) & SLAVE:
         raise DeviceError(
-            session.place, f"'{name}' (id {id}) is set up as the slave of another servo (drive mode)", _WIZARD
+            session.place, f"{who} is set up as the slave of another servo (drive mode {found['drive_mode']})", _WIZARD
         )
-
-
-def _check1(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> None:
-    for register, wanted in (("resolution_divider", 1), ("multi_turn_offset", 0)):
-        value = table[register].decode(memory)
-        if value != wanted:
-            what = register.replace("_", " ")
-            raise DeviceError(session.place, f"the {what} of '{name}' (id {id}) is {value}, expected {wanted}", _WIZARD)
+    meant = {"drive_mode": int(motor.reverse_mode), "multi_turn_offset": 0, "resolution_divider": 1}
+    meant |= {"homing_offset": motor.offset}
+    options = {"drive_mode": "reverse_mode: true", "homing_offset": f"offset: {found.get('homing_offset')}"}
+    for key, wanted in meant.items():
+        if (value := found.get(key, wanted)) == wanted:
+            continue
+        remedy = _WIZARD
+        if key == "homing_offset" or (key == "drive_mode" and value in (0, 1)):
+            remedy += f"; if it is meant, say '{options[key]}' and measure 'zero' and 'reversed' anew"
+        problem = f"the {key.replace('_', ' ')} of {who} is {value}, the profile says {wanted}"
+        raise DeviceError(session.place, problem, remedy)
+    if found.get("secondary_id", NO_ID) in set(config.ids) - {motor.id}:
+        problem = f"the secondary id of {who} is {found['secondary_id']}, another motor's id: it obeys that one's goals"
+        raise DeviceError(session.place, problem, f"{_WIZARD} to {NO_ID}")
+    for key in ("pwm_limit", "velocity_limit", "current_limit", "max_torque"):
+        if found.get(key, 1) == 0:
+            raise DeviceError(session.place, f"the {key.replace('_', ' ')} of {who} is 0: it couldn't move", _WIZARD)
 
 
 def _limits1(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> dict[str, int]:

@@ -144,7 +144,7 @@ def table1(model: Model) -> Table:
         "return_delay_time": _e(5, 1, 250, 0, 254),
         "cw_angle_limit": _e(6, 2, 0, 0, 4095),
         "ccw_angle_limit": _e(8, 2, 4095, 0, 4095),
-        "drive_mode": _e(10, 1, 0, 0, 3),
+        **({"drive_mode": _e(10, 1, 0, 0, 3)} if model.name == "MX-106" else {}),
         "temperature_limit": _e(11, 1, 80, 0, 99),
         "min_voltage_limit": _e(12, 1, 60, 50, 250),
         "max_voltage_limit": _e(13, 1, 160, 50, 250),

@@ -20,8 +20,8 @@ class MotorConfig(ServoConfig):
     """One axis and its servo."""
 
     model: Literal["STS3215", "STS3250"]
-    offset: int | None = Field(
-        None, ge=-2047, le=2047, description="counts, the servo's homing offset; a servo with another one is refused"
+    offset: int = Field(
+        0, ge=-2047, le=2047, description="counts, the servo's homing offset; a servo with another one is refused"
     )
 
     @property

@@ -22,6 +22,10 @@ SCAN: Final = 0.1  # s of listening for a broadcast's answers
 _PARTS: Final = ((0, 40), (40, 31))  # (address, size) of the reads that give a servo's registers
 _TRIES: Final = 3
 _RATES: Final = (1_000_000, 115_200, 500_000, 250_000, 128_000)  # the likelier ones first
+# Bits of the phase, by the maker's memory table: 0 and 7 turn directions, 2 is the unit of speeds, 3 says that a goal
+# speed of 0 is the fastest, 4 counts several turns. The others are the hardware's own.
+MEANINGS: Final = 0x9D
+USUAL: Final = 0x0C  # as delivered
 _TOOL: Final = "Set it with the vendor's debug tool (FD)"
 
 
@@ -166,7 +170,7 @@ def _registers(asker: Asker, who: str, id: int) -> tuple[bytes, int]:
     return memory, bits
 
 
-def _check(asker: Asker, who: str, units: FeetechUnits, offset: int | None, memory: bytes) -> None:
+def _check(asker: Asker, who: str, units: FeetechUnits, offset: int, memory: bytes) -> None:
     """Raises DeviceError for a servo that isn't set up as the profile needs it."""
     mode, several = TABLE["operating_mode"].decode(memory), bool(TABLE["phase"].decode(memory) & SEVERAL_TURNS)
     if mode != POSITION:
@@ -184,13 +188,19 @@ def _check(asker: Asker, who: str, units: FeetechUnits, offset: int | None, memo
     if not low < high:
         raise DeviceError(asker.place, f"the position limits of {who}, {low} to {high}, leave no room", _TOOL)
     found_offset = TABLE["homing_offset"].decode(memory)
-    if offset is not None and found_offset != offset:
+    if found_offset != offset:
         raise DeviceError(
             asker.place,
             f"{who} has a homing offset of {found_offset}, the profile says {offset}",
-            "It is another servo, or it was calibrated anew. Swap the ids back, or measure the axis again and correct "
-            "'offset' and 'zero'",
+            "It is another servo: swap the ids back; or it was calibrated anew: "
+            f"say 'offset: {found_offset}' and measure 'zero'",
         )
+    phase = TABLE["phase"].decode(memory)
+    if phase & MEANINGS != USUAL | (SEVERAL_TURNS if wanted else 0):
+        raise DeviceError(asker.place, f"the phase of {who} is {phase}: directions or units turned", f"{_TOOL}")
+    for key in ("max_torque", "torque_limit"):
+        if TABLE[key].decode(memory) == 0:
+            raise DeviceError(asker.place, f"the {key.replace('_', ' ')} of {who} is 0", _TOOL)
 
 
 def _set(asker: Asker, who: str, id: int, register: Register, value: int, what: str) -> None:

@@ -24,6 +24,7 @@ BUTTONS: Final = {
 AXES: Final = ("left_x", "left_y", "right_x", "right_y", "left_trigger", "right_trigger")
 _ANSWER: Final = 1.0  # s for a twin to describe itself
 _X_REMEDY: Final = "Set the switch on its back to X"
+REST: Final = 0.1  # of its whole way: an axis nearer to its rest is at rest
 
 
 class GamepadConfig(DeviceConfig):
@@ -63,6 +64,8 @@ class Gamepad(Sensor):
         self._axes: dict[int, float] = {}
         self._keys: dict[int, float] = {}
         self._seen = (0, 0, 0)  # the parser's counts when last copied
+        self._name = ""
+        self._held: dict[int, str] = {}  # axes, by index, that haven't been at rest since it was opened
 
     def open(self) -> None:
         self.close()
@@ -78,8 +81,10 @@ class Gamepad(Sensor):
         self._axes = {code: axis.value for code, axis in described.axes.items()}
         self._keys = {code: float(code in described.pressed) for code in described.keys}
         self._seen = (0, 0, 0)
+        self._name = self.health.message = described.name
+        self._held = dict(enumerate(AXES))
         self.health.opened()
-        self.health.message = described.name
+        self._fill()
 
     def read(self, now: int) -> None:
         source = self._source
@@ -127,6 +132,16 @@ class Gamepad(Sensor):
             axes[i] = max(0.0, min(1.0, (self._axes[code] - low) / (high - low)))
         self.state_arrays["dpad"][:] = scaled(HAT[0]), -scaled(HAT[1])
         self.state_arrays["buttons"][:] = [self._keys[code] for code in BUTTONS.values()]
+        if self._held:
+            self._await_rest()
+
+    def _await_rest(self) -> None:
+        """Nothing that is held while the pad is opened counts, before it was at rest once."""
+        axes = self.state_arrays["axes"]
+        self._held = {i: name for i, name in self._held.items() if abs(axes[i]) > REST}
+        axes[list(self._held)] = 0.0
+        held = ", ".join(self._held.values())
+        self.health.message = f"let go of {held}: it counts from its rest on" if held else self._name
 
     def _neutral(self) -> None:
         for values in self.state_arrays.values():
@@ -194,3 +209,10 @@ class Gamepad(Sensor):
         flat = [c for c, least in steps.items() if described.axes[c].maximum - described.axes[c].minimum < least]
         if flat:
             raise DeviceError(place, f"axis {flat[0]:#04x} has no range", "Plug it in again")
+        # Of a generic pad these codes are other axes: its second stick is where the triggers are here.
+        other = [code for code in STICKS if not described.axes[code].minimum < 0 < described.axes[code].maximum]
+        other += [code for code in TRIGGERS if described.axes[code].minimum < 0]
+        if other:
+            low, high = described.axes[other[0]].minimum, described.axes[other[0]].maximum
+            problem = f"'{described.name}' has another layout: its axis {other[0]:#04x} goes from {low} to {high}"
+            raise DeviceError(place, problem, _X_REMEDY)

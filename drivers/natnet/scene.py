@@ -9,6 +9,7 @@ from typing import Final
 
 from drivers.capture.axes import z_up_point, z_up_quaternion
 from drivers.capture.names import Point, Subject
+from drivers.capture.reach import FARTHEST
 from drivers.capture.selection import select
 from drivers.capture.upright import Upright
 from drivers.natnet.config import NatNetConfig
@@ -19,7 +20,6 @@ from runtime.contracts.rotation import Quaternion, normalised
 _UNIT: Final = 1e-2  # by which a quaternion's length may differ from 1
 _FLOOR: Final = -0.3  # m; what is lower is beneath the floor, or another axis is up
 _BONE: Final = 0.05  # m, by which a bone's length may differ from the description's
-_FAR: Final = 100.0  # m; no volume is larger
 
 
 @dataclass(slots=True)
@@ -66,7 +66,7 @@ class Scene:
             upright.restart()
 
     def take(self, model: Model) -> list[Subject]:
-        """Takes new definitions; returns the subjects. Raises ValueError: two assets have one number."""
+        """Takes new definitions; returns the subjects. Raises ValueError: two have one number, or one wanted name."""
         subjects = list(model.subjects())
         numbers: dict[int, str] = {}
         for subject in subjects:
@@ -75,6 +75,12 @@ class Scene:
                 raise ValueError(f"'{numbers[number]}' and '{subject.name}' both have the streaming id {number}")
             numbers[number] = subject.name
         found = select(self._config, subjects)
+        targets = self._config.segments | self._config.markers
+        for name in found.missing:
+            same = [s for s in subjects if s.name == targets[name].partition("/")[0]]
+            if len(same) > 1:
+                which = " and ".join(f"{'skeleton' if s.id >= KIND else 'rigid body'} {s.id % KIND}" for s in same)
+                raise ValueError(f"two assets are called '{same[0].name}': {which}")
         self.missing = found.missing
         self._bodies = {body.id: rows[body.id] for body in model.bodies if (rows := found.segments.get(body.id))}
         self._skeletons = {}
@@ -149,7 +155,7 @@ class Scene:
         shown.segments.append((row, p, q))
 
     def _place(self, p: Point) -> Point | None:
-        if not all(isfinite(v) and abs(v) < _FAR for v in p):
+        if not all(isfinite(v) and abs(v) < FARTHEST for v in p):
             return None
         return z_up_point(p) if self._up_is_y else p
 

@@ -8,6 +8,7 @@ from typing import Final
 
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.noitom.config import NoitomConfig, signals
+from drivers.noitom.floor import Floor
 from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
 from drivers.noitom.skeleton import Skeleton
@@ -54,6 +55,7 @@ class Noitom(Sensor):
         made = self._pose.calibration
         self.simulated = "calibration" if made is not None and made.simulated else ""
         self._note = "" if made is None else f", heading turned back by {degrees(made.heading):.1f} degrees"
+        self._floor = Floor(self.skeleton, config.order)
         self._link: Transport | Datagrams | None = None
         self._parser: Parser = BinaryParser()
         self._clock = StreamTime(100.0)
@@ -129,6 +131,8 @@ class Noitom(Sensor):
 
     def _fill(self, frame: Frame, came: int, now: int) -> None:
         self._pose.fill(frame, self.state_arrays)
+        if doubt := self._floor.doubt(frame.split()[1], self.state_arrays["translation"]):
+            self.health.message = doubt
         number = frame.number if frame.number >= 0 else self._parser.frames
         if frame.number >= 0 and self._number >= 0:
             self._gaps += max(frame.number - self._number - came, 0)
@@ -189,5 +193,10 @@ class Noitom(Sensor):
                 f"{what} within {FIRST:g} s",
                 "Tick 'BVH' in the software's broadcast settings, and check its address",
             )
+        if b"," in heard:
+            return "its numbers have decimal commas", "Set a decimal point in the settings of the PC region"
+        words = heard.split(b"||")[-1].split()
+        if heard[:1].isdigit() and len(words) > 2 and b"." not in words[2]:
+            return "the avatar's name has a space in it", "Give the avatar a name of one word in the software"
         shown = heard[:40].decode("ascii", "replace") if heard[:20].isascii() else heard[:16].hex(" ")
         return f"expected BVH frames of 59 joints, got '{shown}'", NEW_HEADER

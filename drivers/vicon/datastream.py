@@ -6,11 +6,11 @@ import contextlib
 import time
 from collections.abc import Iterable
 from fractions import Fraction
-from math import isfinite
 from typing import Final
 
 from drivers.capture import axes
 from drivers.capture.names import Point, Subject
+from drivers.capture.reach import FARTHEST
 from drivers.capture.selection import Selection, refuse, select
 from drivers.transport import Transport, open_transport
 from drivers.vicon import blocks, geometry, protocol
@@ -203,7 +203,7 @@ class DataStream:
 
     def _metres(self, millimetres: tuple[float, ...]) -> Point | None:
         x, y, z = millimetres[0] * 1e-3, millimetres[1] * 1e-3, millimetres[2] * 1e-3
-        if not (isfinite(x) and isfinite(y) and isfinite(z)):
+        if not max(abs(x), abs(y), abs(z)) < FARTHEST:  # nor NaN
             return None
         return (x, -z, y) if self._y_up else (x, y, z)
 

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Final
 
 from drivers.capture.names import Segment, Subject
+from drivers.capture.reach import FARTHEST
 from drivers.capture.selection import refuse, select
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.vicon import geometry, objects
@@ -109,7 +110,7 @@ class ObjectStream:
         return frame
 
     def _live(self, name: str, pose: tuple[float, ...], number: int) -> bool:
-        if not any(pose) or not all(map(isfinite, pose)):
+        if not any(pose) or not all(map(isfinite, pose)) or max(map(abs, pose[:3])) >= 1e3 * FARTHEST:
             return False
         last = self._last.get(name)
         if last is None or last[1] != pose:

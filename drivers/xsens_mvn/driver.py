@@ -200,8 +200,9 @@ class XsensMvn(Sensor):
             elif sample.kind == CENTRE and self._upright.proven:
                 self.state_arrays["centre_of_mass"][:] = self._point(protocol.centre(sample.payload))
                 self._newest[CENTRE] = now
-        except MalformedError:
+        except MalformedError as error:
             self.health.errors += 1
+            self.health.message = str(error)
 
     def _take_poses(self, poses: list[Pose], sample: Sample, now: int) -> None:
         stamp = self._time.stamp(sample.time, now)
@@ -216,6 +217,8 @@ class XsensMvn(Sensor):
         shown = _Shown([(row, *places[number]) for number, row in self._rows.items() if number in places])
         self._view.show(shown, stamp, round(self.max_age * 1e9))
         self._newest[POSES] = now
+        if lacking := [SEGMENTS[number - 1] for number in self._rows if number not in places]:
+            self.health.message = f"no pose of {', '.join(lacking)}"
         if self._view.seen:
             self.health.stamp = stamp
 

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from math import isfinite
 from typing import Final, NamedTuple
 
+from drivers.capture.reach import FARTHEST
+
 PORT: Final = 9763
 HEADER: Final = struct.Struct(">6sIBBIBBBBHH")  # 24 bytes
 _MAGIC: Final = b"MXTP"
@@ -103,10 +105,13 @@ def poses(items: int, payload: bytes) -> list[Pose]:
         if not 1 <= segment <= _MOST:
             raise MalformedError(f"segment {segment}")
         size = qw * qw + qx * qx + qy * qy + qz * qz
-        if not (isfinite(x) and isfinite(y) and isfinite(z)) or not abs(size**0.5 - 1.0) <= _UNIT:
-            raise MalformedError(f"segment {segment} has no pose")
+        # Of a prop, or of fingers without gloves, there may be none: that spoils no other segment.
+        if not max(abs(x), abs(y), abs(z)) < FARTHEST or not abs(size**0.5 - 1.0) <= _UNIT:
+            continue
         if segment <= len(SEGMENTS):
             found.append(Pose(segment, (x, y, z), (qw, qx, qy, qz)))
+    if not found and items:
+        raise MalformedError("no segment of the body has a pose")
     return found
 
 

@@ -38,6 +38,7 @@ class _Source:
         self.stamp = -1  # ns, loop clock
         self.arrived = -1  # ns, arrival of the newest sample that was newer than the one before
         self.fresh = 0  # number of such samples
+        self.repeated = -1  # ns, arrival of the newest sample whose stamp wasn't newer
         self.stamped = True
         self.problem = ""
         self.time.restart()
@@ -61,7 +62,9 @@ class _Source:
         source = reading.stamp if reading.stamp > 0 else sample.stamp
         self.stamped = source > 0
         stamp = self.time.stamp(source, sample.arrived) if self.stamped else sample.arrived
-        if stamp is not None:
+        if stamp is None:
+            self.repeated = sample.arrived
+        else:
             self.newest, self.stamp, self.arrived = reading.values, stamp, sample.arrived
             self.fresh += 1
         return True
@@ -168,7 +171,11 @@ class Zenoh(Sensor):
             if now - source.arrived > self._silence:
                 raise DeviceLostError(
                     self.name,
-                    f"nothing new came on '{source.entry.key}' for {self._config.silence:g} s"
+                    (
+                        f"samples come on '{source.entry.key}', but their stamp stands still"
+                        if source.repeated > source.arrived
+                        else f"nothing new came on '{source.entry.key}' for {self._config.silence:g} s"
+                    )
                     + (f" ({source.problem})" if source.problem else ""),
                     "Check the device at the other end, its runtime, and the network",
                 )

@@ -91,7 +91,7 @@ class Values:
         if (
             len(payload) == self._length
             and kind == self._kind
-            and payload.startswith(cdr.HEADER)
+            and cdr.is_cdr(payload)
             and payload[_AFTER_STAMP : self._at] == self._known
         ):
             values = np.frombuffer(payload, "<f8", self._size, self._at)

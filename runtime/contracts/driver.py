@@ -108,8 +108,8 @@ class Driver(ABC):
             fill those that left: the guard goes on with each from what was sent of it. The runtime takes the array
             once a cycle, after all writes, and sets it to NaN. Where a device stops by itself after a silence, report
             that, too.
-        ranges: by state, the least and the greatest value that this very device can give, (size,) each, where it is known
-            once it is open: of a force sensor twice its rating, as its zero may be anywhere in it. Narrower than
+        ranges: by state, the least and the greatest value that this very device can give, (size,) each, where it is
+            known once it is open: of a force sensor twice its rating, as its zero may be anywhere in it. Narrower than
             `Signal.plausible`; a jump by an eighth of it isn't taken on one sample's word.
         traffic: what its frames take of a shared line, known after `__init__`; None where they share none. `srl check`
             adds up a line's devices and refuses more than it carries, and an identifier that two of them use.

@@ -1,8 +1,8 @@
 """What a measured value can be: the plausible range of each signal, from its unit, its quantity and its device.
 
-A value outside its range is no measurement, however well its frame was received. NaN and infinity pass: they say that a
-value isn't known, and nothing takes them for one. The ranges are wide: they are bounds of what exists, not of what is usual. A driver that
-knows its device better gives its own with `Signal.plausible`.
+A value outside its range is no measurement, however well its frame was received. NaN and infinity pass: they say that
+a value isn't known, and nothing takes them for one. The ranges are wide: they are bounds of what exists, not of what is
+usual. A driver that knows its device better gives its own with `Signal.plausible`.
 """
 
 from __future__ import annotations

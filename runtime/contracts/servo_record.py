@@ -28,6 +28,7 @@ AGAIN: Final = "Calibrate again: `srl calibrate PROFILE servos`"
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 _NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 Entry = dict[str, bool | int | float | str | None]
+_LATER = ("offset", "reverse_mode")  # where an older file lacks one, it wasn't set
 
 
 class Joint(Protocol):
@@ -163,7 +164,7 @@ def lines(file: KeptFile, driver: str, joints: Mapping[str, Entry]) -> dict[str,
             raise ProfileError(place, f"it says nothing of the joint '{name}'", AGAIN)
         was = made.joints[name].entry
         for key in sorted(was.keys() | entry.keys()):
-            if was.get(key) != entry.get(key):
+            if was.get(key) != entry.get(key) and (key not in _LATER or was.get(key) or entry.get(key)):
                 problem = f"it was made with {key} {_said(was.get(key))}, the profile says {_said(entry.get(key))}"
                 raise ProfileError(f"{place}: joints.{name}", problem, f"Set it as it was, or {AGAIN.lower()}")
     return dict(made.joints)

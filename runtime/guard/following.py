@@ -1,7 +1,7 @@
 """The following error of a command: how far the limb is from where it was commanded, and for how long.
 
-The terms are CiA 402's (following error window 0x6065 and time-out 0x6066). A limb that is outside its window for longer
-than the time-out doesn't follow: it is blocked, too weak for its load, unpowered, or measured wrong.
+The terms are CiA 402's (following error window 0x6065 and time-out 0x6066). A limb that is outside its window for
+longer than the time-out doesn't follow: it is blocked, too weak for its load, unpowered, or measured wrong.
 """
 
 from __future__ import annotations

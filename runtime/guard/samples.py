@@ -98,7 +98,7 @@ class SampleCheck:
             at += s.size
 
     def narrow(self, name: str, low: Array, high: Array) -> None:
-        """From now on this state's values lie within what its very device can give, and jump by an eighth of it at most.
+        """From now on this state's values lie within what its very device can give, and jump by an eighth of that.
 
         Args:
             name: of the state.

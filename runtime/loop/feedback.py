@@ -85,7 +85,11 @@ class Feedback:
                 i = int(np.argmax(np.maximum(low - q, q - high)))
                 inside = low[i] <= q[i] <= high[i]
                 range_ = f"{guard.lower[i]:.4g} to {guard.upper[i]:.4g}"
-                why = "" if inside else f"'{actuator.name}': {_name(actuator, i)} is at {q[i]:.4g}, its limits are {range_}"
+                why = (
+                    ""
+                    if inside
+                    else f"'{actuator.name}': {_name(actuator, i)} is at {q[i]:.4g}, its limits are {range_}"
+                )
             else:
                 continue
             if why:

@@ -197,6 +197,13 @@ def _write(out: bytearray, kind: str, value: Any) -> None:
             _write(out, inner, value[name])
 
 
+def is_cdr(payload: bytes) -> bool:
+    """Whether a payload begins as little-endian CDR. Its options are no matter: writers say in the lowest two bits how
+    many bytes of padding are at the end (DDS-XTypes 1.3, 7.6.3.1.2), and the rest isn't for a reader to judge.
+    """
+    return len(payload) >= len(HEADER) and payload[:2] == HEADER[:2]
+
+
 def decode(kind: str, payload: bytes) -> Message:
     """Decodes a payload and returns the message's fields.
 
@@ -210,7 +217,7 @@ def decode(kind: str, payload: bytes) -> Message:
         raise RequestError(f"payload '{kind}'", "this message type isn't spoken here", nearest(kind, TYPES))
     if len(payload) > LONGEST:
         raise _bad(kind, f"{len(payload)} bytes are too long for it (at most {LONGEST})")
-    if payload[:2] != HEADER[:2] or len(payload) < len(HEADER):
+    if not is_cdr(payload):
         raise _bad(kind, f"it begins with '{payload[:4].hex(' ')}' and not with 00 01 00 00 (CDR, little endian)")
     reader = _Reader(kind, memoryview(payload)[len(HEADER) :])
     message: Message = reader.read(kind)

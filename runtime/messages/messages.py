@@ -203,7 +203,7 @@ def read_values(payload: bytes, declared: str, field: Field, place: str) -> Arra
     if len(payload) > LONGEST_VALUES:  # before it is parsed: nobody may keep the bus busy with it
         raise RequestError(place, f"the payload has {len(payload)} bytes", f"Send {LONGEST_VALUES} at most")
     kind = declared.partition(";")[2] if declared.startswith("application/cdr") else ""
-    if kind or payload.startswith(cdr.HEADER):
+    if kind or cdr.is_cdr(payload):
         values = _from_cdr(payload, kind, field, place)
     else:
         values = np.asarray(_from_json(payload, place), np.float64).ravel()

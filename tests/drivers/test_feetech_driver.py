@@ -30,7 +30,7 @@ def test_reversed_and_displaced_axes_are_measured_where_they_are():
     with FeetechRig(make_twin(motors)) as rig:
         rig.start()
         assert rig.state["position"][0] == pytest.approx(rig.truth()[0], abs=0.002)
-        assert rig.state["position"][1] == pytest.approx(85 * 2 * np.pi / 4096, abs=0.002)
+        assert rig.state["position"][1] == pytest.approx(rig.truth()[1], abs=0.002)
 
 
 def test_the_goal_is_stored_and_read_back_before_the_torque():

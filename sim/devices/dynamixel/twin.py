@@ -44,7 +44,12 @@ class DynamixelTwin(ServoLine):
             kind(fake.chain.motors, i, motor.facts, motor.id, code, firmware)
             for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
         ]
-        for servo in self.servos:
+        for servo, motor in zip(self.servos, config.motors.values(), strict=True):
+            servo.said = motor.offset, motor.reverse_mode
+            if self.protocol == 2:
+                servo.put("homing_offset", motor.offset)
+            if "drive_mode" in servo.by_name:
+                servo.put("drive_mode", int(motor.reverse_mode))
             servo.restart()
         self.fast = False
         self._parser = protocol1.Parser() if self.protocol == 1 else protocol2.Parser()

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from drivers.dynamixel.models import CENTRE, Model
-from drivers.dynamixel.table import Register, table
+from drivers.dynamixel.table import POSITION, Register, table
 from sim.parts.dynamixel.motors import Motors
 
 
@@ -32,6 +32,7 @@ class Registers(ABC):
 
     def __init__(self, motors: Motors, i: int, model: Model, id: int, baud: int, firmware: int) -> None:
         self.motors, self.i, self.model = motors, i, model
+        self.said = 0, False  # offset and reverse mode for which its horn is mounted: those of the profile
         self.by_name = table(model, self.protocol)
         self._at: list[Register | None] = [None] * self.size
         self._names = {register.address: name for name, register in self.by_name.items()}
@@ -51,14 +52,30 @@ class Registers(ABC):
     def sign(self) -> int:
         """-1 in reverse mode, else 1. The motor itself keeps its direction."""
         mode = self.by_name.get("drive_mode")
-        return -1 if mode is not None and mode.decode(self.memory) & REVERSE else 1
+        reverse = mode is not None and bool(mode.decode(self.memory) & REVERSE)
+        return -1 if reverse != self.said[1] else 1
 
-    def seen(self, counts: Any) -> Any:
-        """The motor's counts as the registers show them, and the other way round.
+    def shown(self, counts: Any) -> Any:
+        """The motor's counts as the registers show them.
 
         Reverse mode mirrors them about the middle of the turn: chosen, no public source says about what.
         """
+        return self._mirrored(counts - self.said[0]) + self.homing
+
+    def aimed(self, value: Any) -> Any:
+        """The motor's counts for a register's value."""
+        return self._mirrored(value - self.homing) + self.said[0]
+
+    def _mirrored(self, counts: Any) -> Any:
         return 2 * CENTRE - counts if self.sign < 0 else counts
+
+    @property
+    def homing(self) -> int:
+        """Counts that are added to the position; over one turn a servo ignores more than a quarter turn."""
+        if "homing_offset" not in self.by_name:
+            return 0
+        value = self.get("homing_offset")
+        return 0 if self.get("operating_mode") == POSITION and abs(value) > 1024 else value
 
     def get(self, name: str) -> int:
         """The value of a register."""

@@ -30,7 +30,7 @@ class Servo1(Registers):
         sign = self.sign
         speed = sign * m.velocity[i] / VELOCITY1
         self.put("torque_enable", int(m.torque[i]))
-        self.put("present_position", self.seen(int(m.counts[i])))
+        self.put("present_position", self.shown(int(m.counts[i])))
         self.put("present_speed", with_sign(speed))
         self.put("present_load", with_sign(sign * m.current[i] / m.stall_current[i] * 1000))
         self.put("present_voltage", whole(m.voltage * 10))
@@ -61,11 +61,11 @@ class Servo1(Registers):
             case "cw_angle_limit" | "ccw_angle_limit" | "torque_control_mode":
                 self._set_mode()
             case "goal_position":
-                m.goal_position[i] = self.seen(value)
+                m.goal_position[i] = self.aimed(value)
                 m.switch(i, True)
-                m.goal_position[i] = self.seen(value)
+                m.goal_position[i] = self.aimed(value)
             case "drive_mode":
-                self.put("goal_position", self.seen(int(m.counts[i])))
+                self.put("goal_position", self.shown(int(m.counts[i])))
                 self._set_speed()
             case "moving_speed":
                 self._set_speed()
@@ -94,7 +94,7 @@ class Servo1(Registers):
         m.goal_current[i] = 0.0
         self._set_gains()
         self._set_mode()
-        self.put("goal_position", self.seen(int(m.counts[i])))
+        self.put("goal_position", self.shown(int(m.counts[i])))
 
     def instruction_taken(self) -> None:
         """Does nothing: this firmware doesn't watch the bus."""

@@ -57,7 +57,7 @@ class Servo2(Registers):
     def refresh(self) -> None:
         m, i = self.motors, self.i
         sign = self.sign
-        homing, speed = self.get("homing_offset"), sign * float(m.velocity[i]) / VELOCITY2
+        speed = sign * float(m.velocity[i]) / VELOCITY2
         counts, goal, trajectory = int(m.counts[i]), float(m.goal_position[i]), float(m.trajectory[i])
         amps = sign * float(m.current[i])
         self.put("torque_enable", int(m.torque[i]))
@@ -70,9 +70,9 @@ class Servo2(Registers):
         else:
             self.put("present_load", round(min(max(amps / self.model.stall_current, -1), 1) * 1000))
         self.put("present_velocity", round(speed))
-        self.put("present_position", self.seen(counts) + homing)
+        self.put("present_position", self.shown(counts))
         self.put("velocity_trajectory", round(sign * float(m.trajectory_velocity[i]) / VELOCITY2))
-        self.put("position_trajectory", round(self.seen(trajectory)) + homing)
+        self.put("position_trajectory", round(self.shown(trajectory)))
         self.put("present_input_voltage", round(m.voltage * 10))
         self.put("present_temperature", round(float(m.temperature[i])))
         profile = (3 if m.profile_acceleration[i] else 1) if m.profile_velocity[i] else 0
@@ -108,7 +108,7 @@ class Servo2(Registers):
                 m.goal_velocity[i] = 0.0
                 self.put("goal_velocity", 0)
                 self._goals_to_limits()
-                self.put("goal_position", self.seen(int(m.counts[i])) + self.get("homing_offset"))
+                self.put("goal_position", self.shown(int(m.counts[i])))
             case "operating_mode":
                 self._change_mode(value)
             case "bus_watchdog":
@@ -116,7 +116,7 @@ class Servo2(Registers):
                 m.stopped[i] = 0.0
                 self._heard = self.now
             case "goal_position":
-                m.goal_position[i] = self.seen(value - self.get("homing_offset"))
+                m.goal_position[i] = self.aimed(value)
             case "goal_velocity":
                 m.goal_velocity[i] = self.sign * value * VELOCITY2
             case "goal_current":
@@ -146,7 +146,7 @@ class Servo2(Registers):
         m.shutdown[i], m.temperature_limit[i] = self.get("shutdown"), self.get("temperature_limit")
         self._goals_to_limits()
         self._set_gains()
-        self.put("goal_position", self.seen(int(m.counts[i])) + self.get("homing_offset"))
+        self.put("goal_position", self.shown(int(m.counts[i])))
 
     def instruction_taken(self) -> None:
         self._heard = self.now

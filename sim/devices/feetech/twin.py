@@ -46,7 +46,8 @@ class FeetechTwin(ServoLine):
             for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
         ]
         for servo, motor in zip(self.servos, config.motors.values(), strict=True):
-            servo.keep("homing_offset", motor.offset or 0)
+            servo.said = motor.offset
+            servo.keep("homing_offset", motor.offset)
             servo.put("goal_position", servo.position)
         self._parser = protocol.Parser()
         self._registered: dict[int, tuple[int, bytes]] = {}
