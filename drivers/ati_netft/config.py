@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import parse_qsl, urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from drivers.ati_netft.protocol import PORT
 from drivers.ati_netft.settings import HTTP_PORT, TCP_PORT
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import DeviceError
 
 

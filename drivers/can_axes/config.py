@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from drivers.can_axes.signals import command_of
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.signals import Limits
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]

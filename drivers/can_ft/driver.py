@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 import can
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from drivers.can_ft.protocol import (
     CUTOFFS,
@@ -26,6 +26,7 @@ from drivers.can_ft.protocol import (
 from drivers.canbus import CanLink, frame_bits, open_can, shared_bus
 from drivers.devicetime import DeviceTime
 from runtime.contracts.driver import DeviceConfig, Sensor, Traffic
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import WRENCH
@@ -121,7 +122,7 @@ class CanFt(Sensor):
             command(Command.SET_FILTER, 1 if cutoff else 0, cutoff),
             command(Command.SET_RATE, RATES.index(config.rate, 1)),
         )
-        self._unbias = (command(Command.BIAS, 0),) if config.bias else ()
+        self._unbias = (command(Command.BIAS, 0),)  # another program's zero may be in it; ours is taken here
 
     # -- lifecycle
 

@@ -36,10 +36,10 @@ def select(config: CaptureConfig, subjects: Iterable[Subject]) -> Selection:
     """Resolves the names that the server has; the others go to `missing`, and so do those that two subjects have."""
     by_name: dict[str, Subject] = {}
     twice = set()
-    for subject in subjects:
-        if subject.name in by_name:
-            twice.add(subject.name)
-        by_name[subject.name] = subject
+    for each in subjects:
+        if each.name in by_name:
+            twice.add(each.name)
+        by_name[each.name] = each
     for name in twice:
         del by_name[name]
     found = Selection()

@@ -24,11 +24,12 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drivers.cyberglove.protocol import LABELS
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import ProfileError, nearest
 from runtime.contracts.files import KeptFile
 from runtime.contracts.glove_record import GloveRecord

@@ -7,13 +7,14 @@ from math import pi
 from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from drivers.dynamixel.models import MODELS, Model, Nominal
 from drivers.dynamixel.packets import HIGHEST_ID
 from drivers.dynamixel.table import baud_code
 from runtime.contracts import servo_record
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.files import KeptFile
 from runtime.contracts.servo_record import Entry, Line, ServoFile
 from runtime.contracts.signals import Limits

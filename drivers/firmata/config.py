@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, ValidationError, model_validator
 
 from drivers.firmata.protocol import MAX_SERVOS, MIN_PULSE_US
 from runtime.contracts import servo_record
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import ProfileError
 from runtime.contracts.servo_record import Entry, Line, ServoFile
 

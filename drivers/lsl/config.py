@@ -6,11 +6,12 @@ import ipaddress
 import re
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from drivers.lsl.units import KNOWN, factor
 from runtime.contracts import terms
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.signals import Signal
 
 PORT: Final = 16571  # liblsl's own, for discovery; streams have those after it

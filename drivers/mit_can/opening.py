@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil, floor, isclose
 from typing import Final
 
 import can
@@ -130,6 +130,13 @@ class Opening:
                 self._place,
                 f"{who} scales by {_text(span)}, the profile's {motor.model} by {_text(expected[0])}{guess}",
                 "Correct 'model' or the ids; if somebody has set these ranges, say so with 'range'",
+            )
+        gear, wanted = self._read(who, motor, Register.GEAR), motor.facts.gear
+        if wanted is not None and not isclose(gear, wanted, rel_tol=0.02):
+            raise DeviceError(
+                self._place,
+                f"{who} has a gear of {gear:g}:1 in its memory, an {motor.model} one of {wanted:g}:1",
+                "Correct 'model', or its register 20 with the maker's tool: positions are scaled by it",
             )
         self._set(who, motor, Register.CTRL_MODE, MIT, "MIT mode")
         self._set(who, motor, Register.TIMEOUT, self._config.watchdog_ticks, "watchdog")

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from drivers.panda.requests import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.per_element import Finite, PerElement, Positive
 from runtime.contracts.signals import Command, Kind, Signal, Stop
 from runtime.contracts.terms import POINT, POSE, WRENCH

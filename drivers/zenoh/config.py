@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from drivers.zenoh.values import TERMS, TYPES
 from drivers.zenoh_link import PeerConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import nearest
 from runtime.contracts.signals import Signal
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from runtime.calibration.cut import find
 from runtime.calibration.live import Live
@@ -18,6 +18,7 @@ from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
 from runtime.calibration.screen import Screen
 from runtime.calibration.sources import RowSource, Simulated
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
 from runtime.control.shared.guided import Procedure, Samples
 from runtime.control.shared.record_file import NAME

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel
-
+from runtime.contracts.entry import BaseModel
 from runtime.control.shared import record_file
 from runtime.control.shared.record_file import RecordError
 from runtime.ipc import older

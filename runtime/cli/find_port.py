@@ -19,9 +19,11 @@ from runtime.contracts import registry
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, RequestError, SrlError
 from runtime.service import serial_ports
+from runtime.service.fitness import serial
 from runtime.service.serial_ports import SerialPort
 
-_PERIOD = 0.5  # s between two looks; udev has made links and rights of a new port by the next but one
+_PERIOD = 0.1  # s between two looks: what takes a port away again (brltty does) leaves it for half a second
+_STEADY = 10  # looks in a row that see the same: by then udev has made the links and rights of a new port
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -102,28 +104,37 @@ def _driver(name: str) -> type[Driver] | None:
 def changed(
     look: Callable[[], list[SerialPort]], pause: Callable[[float], object]
 ) -> tuple[list[SerialPort], list[SerialPort]]:
-    """Waits until the ports have changed and stay as they are for a period.
+    """Waits until the ports have changed and stay as they are for a while.
 
     Returns:
-        The ports that came, and those that went.
+        The ports that came, and those that went; one that came and went is in both.
     """
-    before = now = look()
+    now = look()
+    known = {_key(port): port for port in now}
+    came: dict[tuple[str, str | None, str | None], SerialPort] = {}
+    went: dict[tuple[str, str | None, str | None], SerialPort] = {}
+    steady = 0
     while True:
         pause(_PERIOD)
         last, now = now, look()
-        came = [port for port in now if _key(port) not in map(_key, before)]
-        went = [port for port in before if _key(port) not in map(_key, now)]
+        there = {_key(port): port for port in now}
+        came |= {key: port for key, port in there.items() if key not in known}
+        went |= {key: port for key, port in (known | came).items() if key not in there}
         # Of a new port, rights and the link by id come a moment after the port itself.
-        if (came or went) and [(_key(p), p.path, p.obstacle) for p in now] == [
-            (_key(p), p.path, p.obstacle) for p in last
-        ]:
-            return came, went
+        steady = steady + 1 if _state(now) == _state(last) else 0
+        if (came or went) and steady >= _STEADY:
+            return list(came.values()), list(went.values())
+
+
+def _state(ports: Sequence[SerialPort]) -> list[tuple[object, ...]]:
+    return [(_key(port), port.path, port.obstacle) for port in ports]
 
 
 def listed(found: Sequence[SerialPort]) -> list[str]:
     """The lines for some ports."""
     if not found:
-        return ["no serial port is there: check the cable (some only charge) and the device's supply"]
+        nothing = "no serial port is there: check the cable (some only charge) and the device's supply"
+        return [nothing, *(finding.found for finding in serial.brltty())]
     return [line for port in found for line in (port.path, *described(port))]
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, field_validator, model_validator
+
+from runtime.contracts.entry import BaseModel
 
 FORMAT: Final = "srl-glove-1"
 _NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]

@@ -41,14 +41,12 @@ _ANY: Final = (-1e9, 1e9)  # pure numbers, counts, and units that nobody knows h
 def plausible(signal: Signal) -> tuple[Array, Array]:
     """The least and the greatest value that each element can have, (size,) each, in the signal's unit."""
     if signal.plausible is not None:
-        low, high = signal.plausible
-        return (np.broadcast_to(np.asarray(low, float), signal.shape).ravel(),
-                np.broadcast_to(np.asarray(high, float), signal.shape).ravel())  # fmt: skip
+        least, most = (np.broadcast_to(np.asarray(v, np.float64), signal.shape).ravel() for v in signal.plausible)
+        return least, most
     for names in (signal.labels, *signal.components[-1:]):
         if (bound := _BY_NAMES.get(names)) is not None:
-            last = signal.shape[-1] == len(names)
-            of = np.array(bound) if last else np.array(bound)[:, None]
-            high = np.broadcast_to(of, signal.shape).ravel()
-            return -high, high
+            of = np.array(bound) if signal.shape[-1] == len(names) else np.array(bound)[:, None]
+            ends: Array = np.broadcast_to(of, signal.shape).ravel()
+            return -ends, ends
     low, high = _BY_UNIT.get(signal.unit, _ANY)
     return np.full(signal.size, low), np.full(signal.size, high)

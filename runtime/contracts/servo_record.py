@@ -11,8 +11,9 @@ import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, Protocol
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, ValidationError, field_validator, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import ProfileError, nearest
 from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.sealed import HASH, ChangedError, opened

@@ -5,7 +5,9 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import ConfigDict, Field, FiniteFloat
+
+from runtime.contracts.entry import BaseModel
 
 FORMAT: Final = "srl-suit-1"
 _NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]

@@ -8,9 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import ConfigDict
 
 from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.frames import Frames
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.wearer import Wearer

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo
+from pydantic import ConfigDict, ValidationError, ValidationInfo
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError
 
 M = TypeVar("M", bound=BaseModel)

@@ -14,7 +14,6 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from pydantic import (
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -25,6 +24,7 @@ from pydantic import (
     model_validator,
 )
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, nearest
 from runtime.contracts.per_element import Listed, in_order
 from runtime.contracts.signals import Array

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     ConfigDict,
     Field,
     PlainValidator,
@@ -19,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, nearest
 from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.per_element import Finite, Positive

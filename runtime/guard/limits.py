@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, WiringError
 from runtime.contracts.per_element import Finite, Positive, in_order
 from runtime.contracts.signals import Array, Limits
@@ -33,7 +34,7 @@ class GuardLimits(BaseModel):
     inertia: Above0 = Field(
         None, description="kg m^2 or kg, the least that the joint moves alone; bounds the damping of torque stops"
     )
-    tolerance: Positive = Field(1e-3, description="a command changed by more than this counts as limited")
+    tolerance: Positive = Field(1e-3, le=1.0, description="a command changed by more than this counts as limited")
 
     def to_limits(
         self, shape: tuple[int, ...], place: str, labels: tuple[str, ...] = (), ordered: bool = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import shutil
 import stat
@@ -83,9 +84,21 @@ class RunFolder:
         if not self._locked():
             raise HostError(
                 f"instance '{self.path.name}'",
-                "it is running already, or something it started hasn't ended yet",
-                f"End it first (`srl stop --exit {self.path.name}`), or run this one with --instance NAME",
+                f"it is running already, or something it started hasn't ended yet{self._whose()}",
+                f"Run this one with --instance NAME; if that one is yours to end, `srl stop --exit {self.path.name}`",
             )
+        os.ftruncate(self.lock, 0)
+        os.pwrite(self.lock, json.dumps({"pid": os.getpid(), "uid": os.getuid(), "since": time.time()}).encode(), 0)
+
+    def _whose(self) -> str:
+        """Who holds the lock, as it has written there; "" where nothing can be read."""
+        assert self.lock is not None
+        try:
+            said = json.loads(os.pread(self.lock, 4096, 0))
+            since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(said["since"]))
+            return f" (process {int(said['pid'])} of user {int(said['uid'])}, since {since})"
+        except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            return ""
 
     def _locked(self) -> bool:
         """Locks the open folder. Who looks whether it is claimed holds the lock for an instant: that is no claim."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import ProfileError, WiringError, nearest
 from runtime.contracts.frames import FrameError, Frames
 from runtime.contracts.signals import Signal

@@ -6,8 +6,9 @@ import ipaddress
 import re
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.tls import TlsConfig
 
 _ENDPOINT = re.compile(r"^(?P<protocol>tcp|tls)/(?P<host>\[[0-9a-fA-F:]+\]|[^:/\[\]?#]+):(?P<port>\d{1,5})$")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from runtime.contracts.clearance import Clearance
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.files import KeptFile
 from runtime.contracts.per_element import Listed
 from runtime.contracts.world import Fake, World

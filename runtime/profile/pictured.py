@@ -15,9 +15,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from runtime.contracts.driver import Driver
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, nearest
 from runtime.contracts.files import Files, KeptFile
 from runtime.contracts.frames import FrameEntry

@@ -12,8 +12,9 @@ from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import RecordingError, nearest
 from runtime.contracts.field import Field as RowField
 from runtime.contracts.signals import Array, Signal

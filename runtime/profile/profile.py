@@ -15,13 +15,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, WithJsonSchema, field_validator
+from pydantic import ConfigDict, Field, PlainValidator, ValidationError, WithJsonSchema, field_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
 from runtime.contracts.compiled import Backend
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, ProfileError, nearest
 from runtime.contracts.files import Files, read_regular
 from runtime.contracts.frames import FrameEntry

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.ipc import latches
 from runtime.profile.element import Element
 

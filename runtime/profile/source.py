@@ -6,8 +6,9 @@ import hashlib
 from dataclasses import dataclass, field
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, ProfileError, nearest
 from runtime.contracts.files import Files
 

@@ -74,7 +74,7 @@ class Recorder:
     def run(self) -> int:
         """Records until the run ends, then merges the rest. Returns the exit code."""
         if self._done:
-            return WELL
+            return self._whole(sum(len(sequence) for sequence, _ in Source([self._target]).blocks()))
         try:
             stored = self._record()
         finally:
@@ -92,8 +92,12 @@ class Recorder:
         finally:
             self._merger.close()
             os.close(self._claim)
-        if lost := self._ring.consumed - self._merger.rows:  # also by a recorder before this one
-            say(f"{self._target}: {self._merger.rows} rows, {lost} were lost")
+        return self._whole(self._merger.rows)
+
+    def _whole(self, rows: int) -> int:
+        """Whether the recording holds every row that was made; the exit code."""
+        if lost := self._ring.consumed - rows:  # also by a recorder before this one
+            say(f"{self._target}: {rows} rows, {lost} were lost")
             return INCOMPLETE
         return WELL
 

@@ -26,8 +26,10 @@ _END = 0
 _FOOTER = 32
 
 
-def strip(stream: bytes) -> bytes:
-    """Returns the messages of a whole stream in memory, without its header, end and footer."""
+def strip(stream: bytes | None) -> bytes:
+    """Returns the messages of a whole stream in memory, without its header, end and footer; of none, nothing."""
+    if stream is None:
+        return b""
     at = HEADER
     while at + _MESSAGE.size <= len(stream):
         kind, length = _MESSAGE.unpack_from(stream, at)

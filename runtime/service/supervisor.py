@@ -329,7 +329,7 @@ class Supervisor:
         """
         if self.rows is not None and not self.rows.closed:
             self.rows.finish(saved=self.death is not None and self.death.black_box is not None)
-        failed = []
+        failed = [h.name for h in self.helpers if h.keeps]  # without rows, nothing was kept
         if self.rows is not None:
             now = time.monotonic()
             failed = [h.name for h in self.helpers if not h.finish(self.run_folder, now)]

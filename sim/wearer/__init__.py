@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.files import ProfilePath
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import RANGES

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.files import ProfilePath
 from runtime.contracts.signals import Array

@@ -177,8 +177,8 @@ def test_the_port_that_came_is_named_once_it_has_settled(
         stays.parent.mkdir()
         stays.symlink_to(pty)
 
-    plays = iter([lambda: None, lambda: plugged.append(info(pty, "2341:0043", serial="75735")), link, lambda: None])
-    monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays)())
+    plays = iter([lambda: None, lambda: plugged.append(info(pty, "2341:0043", serial="75735")), link])
+    monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays, lambda: None)())
     text = said(capsys, "--wait")
     assert text.startswith(f"came: {stays}\n  perhaps firmata")
     assert "ttyS0" not in text
@@ -188,8 +188,8 @@ def test_the_port_that_went_is_named(
     plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plugged.append(info(pty, "0403:6014", serial="FT1"))
-    plays: Iterator[Callable[[], object]] = iter([plugged.clear, lambda: None])
-    monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays)())
+    plays: Iterator[Callable[[], object]] = iter([plugged.clear])
+    monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays, lambda: None)())
     told = json.loads(said(capsys, "--wait", "--json"))
     assert told["came"] == []
     assert [port["serial"] for port in told["went"]] == ["FT1"]

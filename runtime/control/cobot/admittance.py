@@ -16,10 +16,11 @@ from math import ceil, isfinite, nan, sqrt
 from operator import add, sub
 from typing import Any, ClassVar, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POSE, TWIST, WRENCH

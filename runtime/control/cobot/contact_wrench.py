@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from operator import sub
 from typing import Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from runtime.contracts import rotation
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.options import Options

@@ -11,10 +11,11 @@ from typing import Any, Final
 
 import eigenpy
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH

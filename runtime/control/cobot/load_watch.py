@@ -19,8 +19,9 @@ from math import inf, sqrt
 from operator import sub
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.control.cobot.axes import DeadBand, ForceTorque
 from runtime.control.cobot.contact_wrench import cross, square
 from runtime.control.cobot.load_estimate import LoadEstimate, Motion, Vector

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from math import exp, sqrt
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from runtime.contracts.entry import BaseModel
 
 
 class ReleaseConfig(BaseModel):

@@ -13,8 +13,9 @@ from typing import Any, Final, NamedTuple
 import coal
 import numpy as np
 import pinocchio as pin
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError
 from runtime.contracts.frames import Placement
 from runtime.contracts.per_element import Positive

@@ -10,9 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 import pinocchio as pin
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from runtime.contracts import rotation
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError
 from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array, Signal

@@ -11,8 +11,9 @@ from typing import Final, Protocol
 
 import daqp  # type: ignore[import-not-found]
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array
 from runtime.control.cobot.axes import OnPlanarTwist

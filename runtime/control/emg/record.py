@@ -5,8 +5,9 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.control.emg.processing import EmgError, Filters
 from runtime.control.shared import record_file
 from runtime.control.shared.record_file import Name
@@ -62,7 +63,7 @@ class EmgRecord(BaseModel):
     date: datetime.date
     simulated: bool
     signal: str
-    channels: dict[str, int | str] = {}
+    channels: dict[str, int | str] = Field(default_factory=dict)
     rate: _Positive
     band: tuple[_Positive, _Positive]
     band_order: int

@@ -9,8 +9,9 @@ import datetime
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag
+from pydantic import ConfigDict, Discriminator, Field, FiniteFloat, Tag
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.options import Options
 from runtime.control.cobot.axes import Point, Wrench

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.control.ikns.calibration import Calibration, Thresholds
 from runtime.control.shared import record_file
 from runtime.control.shared.record_file import NAME, Name, RecordError, Row, write
@@ -76,7 +77,7 @@ class Record(_Part):
     still: Share
     lost: Share
     jumps: Count
-    bodies: dict[str, dict[str, Any]] = {}
+    bodies: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

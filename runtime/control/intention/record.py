@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeInt, ValidationError, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, NonNegativeInt, ValidationError, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.control.intention.discriminant import Discriminant
 from runtime.control.intention.features import FEATURES, FRAMES, RATE
 from runtime.control.intention.training import BACKGROUND, Held, Recogniser, Thresholds

@@ -5,8 +5,9 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.control.shared.record_file import Name
 
 FORMAT: Final = "srl-frame-1"
@@ -58,7 +59,7 @@ class FrameRecord(BaseModel):
     frame: Name
     parent: str
     drivers: Annotated[dict[str, str], Field(min_length=1)]
-    serials: dict[str, str] = {}
+    serials: dict[str, str] = Field(default_factory=dict)
     signals: Annotated[tuple[str, ...], Field(min_length=1, max_length=2)]
     what: Literal["points", "poses"]
     count: Annotated[int, Field(ge=4, le=1000)]

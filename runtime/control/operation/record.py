@@ -6,8 +6,9 @@ import datetime
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import ConfigDict, Field, FiniteFloat
 
+from runtime.contracts.entry import BaseModel
 from runtime.control.operation.demonstration import LONGEST, PERIOD, TaskPath, Thresholds
 from runtime.control.shared.record_file import Name
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import Final
@@ -109,6 +109,8 @@ def tree(content: bytes, file: Path) -> UrdfTree:
         raise OptionError(f"{file} isn't XML: {error}", "Name a URDF") from None
     if root.tag != "robot":
         raise OptionError(f"{file} isn't a URDF: it begins with <{root.tag}>", "Name a URDF")
+    if _is_xacro(root):
+        raise OptionError(f"{file} is xacro, not yet a URDF", _EXPAND)
     links = {_name(e, file): e for e in root.findall("link")}
     for kind in ("link", "joint"):
         told = [_name(e, file) for e in root.findall(kind)]
@@ -116,8 +118,37 @@ def tree(content: bytes, file: Path) -> UrdfTree:
             raise OptionError(f"{file}: two {kind}s are called '{twice}'", "Give each a name of its own in the URDF")
     if not 0 < len(links) <= MOST:
         raise OptionError(f"{file} has {len(links)} links; 1 to {MOST} are read", _EXPAND)
-    joints = [_joint(e, file) for e in root.findall("joint")]
+    joints = _followed([_joint(e, file) for e in root.findall("joint")], file)
     return UrdfTree(links, joints, _tree(joints, links, file), file, root.get("name") or file.stem)
+
+
+def _is_xacro(root: Element) -> bool:
+    """Whether something in it is still to be expanded; an expanded file keeps the declaration of the prefix."""
+    return any(
+        e.tag.startswith("xacro:") or any("${" in v or "$(" in v for v in e.attrib.values()) for e in root.iter()
+    )
+
+
+def _followed(joints: list[UrdfJoint], file: Path) -> list[UrdfJoint]:
+    """The joints: one that follows another follower is said to follow the joint at the end of that chain.
+
+    q = f (f2 q2 + o2) + o, so the factor is f f2 and the offset f o2 + o, whatever the order in the file.
+    """
+    named = {joint.name: joint for joint in joints}
+    return [joint if joint.mimic is None else replace(joint, mimic=_end(joint, named, file)) for joint in joints]
+
+
+def _end(joint: UrdfJoint, named: dict[str, UrdfJoint], file: Path) -> tuple[str, float, float]:
+    seen, (to, factor, offset) = [joint.name], joint.mimic or ("", 1.0, 0.0)
+    while True:
+        if to not in named:
+            raise OptionError(f"{file}: joint {joint.name} follows '{to}', which is no joint", nearest(to, named))
+        if to in seen:
+            raise OptionError(f"{file}: joint {joint.name} follows itself by way of '{to}'", "Correct the URDF")
+        seen.append(to)
+        if (further := named[to].mimic) is None:
+            return to, factor, offset
+        to, factor, offset = further[0], factor * further[1], factor * further[2] + offset
 
 
 def _parsed(content: bytes) -> Element:
@@ -160,7 +191,8 @@ def read(content: bytes, file: Path, names: Sequence[str], base: str | None = No
         element, factor, offset = moved.get(joint.name, ("", 1.0, 0.0))
         made.append(Link(link, number[joint.parent], joint.pose, element, joint.axis, joint.kind == "prismatic",
                          factor, offset, rods))  # fmt: skip
-    packages = tuple(Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p) + tuple(file.parents)
+    ros2 = [Path(p) / "share" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p]
+    packages = (*(Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p), *ros2, *file.parents)
     lacking = tuple(text for link in links.values() for text in _lacking(link, file, packages))
     return Urdf(Linkage(tuple(made)), packages, lacking)
 
@@ -212,6 +244,8 @@ def _joint(element: Element, file: Path) -> UrdfJoint:
         (factor,), (offset,) = (
             numbers(mimic.get(key), 1, (plain,), place) for key, plain in (("multiplier", 1.0), ("offset", 0.0))
         )
+        if not mimic.get("joint"):
+            raise OptionError(f"{place}: its <mimic> doesn't say which joint it follows", "Correct the URDF")
         follows = (str(mimic.get("joint")), factor, offset)
     pose = (*xyz, *rotation.from_rpy(*rpy))
     limits, friction = _limits(element, place)

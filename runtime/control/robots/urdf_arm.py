@@ -130,6 +130,11 @@ def _chain(tree: UrdfTree, base: str | None, tip: str | None) -> tuple[list[Urdf
             raise OptionError(f"{file} has {len(ends)} chains of joints behind {base}, which end at: {tips or 'none'}",
                               "Say by 'tip' which link is the arm's end")  # fmt: skip
         tip = ends[0].child
+        if followers := [j.name for j in tree.joints if j.mimic is not None and j.mimic[0] == ends[0].name]:
+            raise OptionError(
+                f"{file}: {', '.join(followers)} follows {ends[0].name}, the last joint behind {base}, as in a gripper",
+                f"Say by 'tip' which link is the arm's end, such as '{ends[0].parent}'",
+            )
     if base not in _links(tree, tip):
         raise OptionError(f"{file}: the link '{tip}' doesn't hang on '{base}'", "Name a 'tip' behind the 'base'")
     above = {j.name for j in tree.way(base)}
@@ -158,6 +163,7 @@ def _bounds(joint: UrdfJoint, given: Mapping[str, float], file: object, doubts: 
     if joint.kind == "continuous":
         rest = {key: value for key, value in found.items() if key in given or key in ("velocity", "effort")}
         found = {"lower": -inf, "upper": inf, **rest}
+    _right_way_round(place, found.get("lower", 0.0), found.get("upper", 0.0))
     if not found.get("lower", 0.0) < found.get("upper", 0.0):
         raise OptionError(
             f"{place} has no position limits",
@@ -190,6 +196,8 @@ def _held(tree: UrdfTree, base: str, names: set[str]) -> dict[str, float]:
     for joint in tree.joints:
         if joint.moves and joint.name not in names and base in _links(tree, joint.parent):
             lower, upper = joint.limits.get("lower", -inf), joint.limits.get("upper", inf)
+            if joint.kind != "continuous":
+                _right_way_round(f"{tree.place}: joint {joint.name}", lower, upper)
             held[joint.name] = 0.0 if joint.kind == "continuous" or lower >= upper else min(max(0.0, lower), upper)
     for joint in tree.joints:
         if joint.name in held and joint.mimic is not None:
@@ -271,3 +279,9 @@ def _home(given: Mapping[str, float], names: list[str], lower: Array, upper: Arr
             raise OptionError(problem, "Give it in rad, or m where the joint slides")
         home[i] = value
     return home
+
+
+def _right_way_round(place: str, lower: float, upper: float) -> None:
+    """Raises OptionError for a lower limit above the upper one."""
+    if lower > upper:
+        raise OptionError(f"{place}: its lower limit {lower:g} is above the upper {upper:g}", "Exchange them")

@@ -10,9 +10,10 @@ import json
 from pathlib import Path
 from typing import Annotated, TypeVar
 
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from runtime.contracts import whole_file
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import SrlError
 from runtime.contracts.sealed import HASH, ChangedError, opened, sealed
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.rotation import Quaternion, Vector, exp, product, turned
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 
 from runtime.profile.ports import local_path
 from runtime.service.fitness.finding import Finding, read
-from runtime.service.serial_ports import holder, obstacle
+from runtime.service.serial_ports import holder, obstacle, usb_numbers
 
 _RULES = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
 _INSTALL = (
@@ -57,10 +58,32 @@ def latency(rate: Fraction) -> Iterator[Finding]:
             yield Finding(what, "good", f"{milliseconds} ms")
 
 
+def brltty() -> Iterator[Finding]:
+    """Rules by which brltty takes adapters away that devices of the drivers use."""
+    files = {path.name: path for folder in reversed(_RULES) for path in Path(folder).glob("*brltty*.rules")}
+    numbers = {number for _, ids in usb_numbers().values() for number in ids} | {"10c4:ea60"}
+    for path in files.values():
+        lines = [line for line in read(path).splitlines() if not line.lstrip().startswith("#")]
+        named = {
+            f"{int(a, 16):04x}:{int(b, 16):04x}"
+            for line in lines
+            for a, b in re.findall(r'PRODUCT\}=="([0-9a-fA-F]+)/([0-9a-fA-F]+)/', line)
+        }
+        if taken := sorted(named & numbers | {n for n in named if n[:4] in numbers}):
+            yield Finding(
+                "brltty",
+                "doubtful",
+                f"{path}: brltty takes {', '.join(taken)} for Braille displays, and their ports away",
+                "Remove it, unless somebody reads Braille here",
+                "sudo apt remove brltty",
+            )
+
+
 def rules(wanted: Mapping[str, str]) -> Iterator[Finding]:
     """Whether the udev rules are there, if a device has a serial port."""
     if not any(local_path(port) for port in wanted.values()):
         return
+    yield from brltty()
     found = [path for folder in _RULES for path in sorted(Path(folder).glob("*-srl.rules"))]
     if found:
         yield Finding("udev rules", "good", str(found[0]))

@@ -8,12 +8,13 @@ from fractions import Fraction
 from typing import Annotated, Final, Protocol, cast
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 
 from drivers.firmata import Firmata
 from drivers.firmata.config import Calibration, FirmataConfig
 from drivers.firmata.driver import COMMAND
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import Fake, FakeConfig, World

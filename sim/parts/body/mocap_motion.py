@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated, Final, Literal, Protocol, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.files import ProfilePath
 from runtime.contracts.per_element import Finite, PerElement

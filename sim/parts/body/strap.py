@@ -7,8 +7,9 @@ from typing import Any, Final, Literal, Self
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError
 from runtime.contracts.frames import as_pose
 from runtime.contracts.rotation import Vector, composed, exp, inverted, log

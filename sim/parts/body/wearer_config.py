@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest
 from runtime.control.ikns.body import Side, Vector
 from runtime.control.models import BodyOption, named

@@ -9,9 +9,10 @@ from typing import Any, ClassVar, Final, Generic, Literal, Protocol, Self, TypeV
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from drivers.dynamixel.models import MODELS, Nominal
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT

@@ -5,8 +5,9 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.signals import Array
 from sim.world.mjcf import add
 

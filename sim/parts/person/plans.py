@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import sqrt
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.files import ProfilePath
 
 _Vector = tuple[float, float, float]

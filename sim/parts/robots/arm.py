@@ -9,8 +9,9 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 import pinocchio as pin
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import WiringError
 from runtime.contracts.per_element import Finite, PerElement
 from runtime.contracts.signals import Array, Signal

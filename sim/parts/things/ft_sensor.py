@@ -7,8 +7,9 @@ from typing import Annotated, Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.frames import IDENTITY
 from runtime.contracts.per_element import Finite, PerElement
 from runtime.contracts.signals import Array, Signal

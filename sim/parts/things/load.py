@@ -8,8 +8,9 @@ from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import FORCE, POSE

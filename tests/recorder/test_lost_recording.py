@@ -1,0 +1,116 @@
+"""A recording that isn't whole is never said to be, however often the recorder is started to finish it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.recording import make_layout, make_run, write_run
+from helpers.run import Running
+from helpers.segments import expected
+from helpers.wait import until
+
+from runtime.recorder import process
+from runtime.recorder.process import Recorder
+from runtime.recording.reader import read
+from runtime.recording.segments import folder_of, numbered
+from runtime.service.helpers import ATTEMPTS
+
+AT_ONCE = 1e9  # rows/s
+
+
+@pytest.fixture
+def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the recorders say."""
+    lines: list[str] = []
+    monkeypatch.setattr(process, "say", lines.append)
+    return lines
+
+
+def test_rows_that_were_lost_stay_lost_when_the_recorder_is_started_again(tmp_path: Path, said: list[str]) -> None:
+    layout = make_layout(extra=4)
+    run, ring, events = make_run(tmp_path / "run", layout, capacity=256)
+    out = tmp_path / "out.rrd"
+    write_run(run, ring, events, layout, 600, AT_ONCE)  # the first 344 are overwritten before anybody reads them
+    ring.finish()
+    codes = [Recorder(run, out).run() for _ in range(ATTEMPTS)]
+    assert np.array_equal(read(out).rows, expected(layout, 600)[344:])
+    assert codes == [process.INCOMPLETE] * ATTEMPTS
+    assert any("344" in line for line in said)
+
+
+def test_a_recording_without_a_gap_is_still_complete_when_the_recorder_is_started_again(tmp_path: Path) -> None:
+    layout = make_layout(extra=4)
+    run, ring, events = make_run(tmp_path / "run", layout)
+    write_run(run, ring, events, layout, 600, AT_ONCE)
+    ring.finish()
+    assert [Recorder(run, tmp_path / "out.rrd").run() for _ in range(2)] == [process.WELL] * 2
+
+
+def test_what_is_deleted_during_the_run_is_saved_or_said_to_be_missing(
+    tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the supervisor does: the recorder is started again until it says that all is well, or often enough."""
+    monkeypatch.setattr(process, "RETRY", 0.01)
+    layout = make_layout(extra=4)
+    run, ring, events = make_run(tmp_path / "run", layout, capacity=1024)
+    out = tmp_path / "out.rrd"
+    with ThreadPoolExecutor(1) as thread:
+        recorder = thread.submit(Recorder(run, out).run)
+        try:
+            write_run(run, ring, events, layout, 700, AT_ONCE)
+            until(lambda: ring.consumed == 700)
+            shutil.rmtree(folder_of(out))
+            write_run(run, ring, events, layout, 700, AT_ONCE, first=701)
+            until(lambda: ring.consumed == 1400)
+        finally:
+            ring.finish()
+        code = recorder.result(60)
+    for _ in range(ATTEMPTS):
+        code = code and Recorder(run, out).run()
+    rows = read(out if out.exists() else folder_of(out)).rows
+    assert (code == process.WELL) == np.array_equal(rows, expected(layout, 1400)), (code, len(rows), said)
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_appears_where_the_recording_is_to_be_is_left_alone_and_named(
+    tmp_path: Path, kind: str, said: list[str]
+) -> None:
+    layout = make_layout(extra=4)
+    run, ring, events = make_run(tmp_path / "run", layout)
+    out = tmp_path / "out.rrd"
+    recorder = Recorder(run, out)
+    write_run(run, ring, events, layout, 600, AT_ONCE)
+    ring.finish()
+    if kind == "file":
+        out.write_text("precious")
+    else:
+        out.mkdir()
+    codes = [recorder.run(), *(Recorder(run, out).run() for _ in range(ATTEMPTS))]
+    assert codes == [process.INCOMPLETE] * (1 + ATTEMPTS)
+    assert out.is_dir() if kind == "folder" else out.read_text() == "precious"
+    assert str(out) in said[-1]
+    kept = read(folder_of(out))
+    assert np.array_equal(kept.rows, expected(layout, 600))
+    assert [event.text for event in kept.events] == ["row 500: Grüße"]
+    out.rmdir() if kind == "folder" else out.unlink()
+    assert Recorder(run, out).run() == process.WELL  # its place is free again
+    assert np.array_equal(read(out).rows, expected(layout, 600))
+    assert not numbered(folder_of(out))
+
+
+@pytest.mark.slow
+def test_a_loop_that_is_killed_before_its_first_row_has_no_complete_recording(tmp_path: Path) -> None:
+    out = tmp_path / "run.rrd"
+    with Running(tmp_path, "sixth-finger", "--sim", "--record", str(out), "--duration", "30") as run:
+        run.until(lambda: "loop" in run.children(), "the loop's process")
+        os.kill(run.children()["loop"], signal.SIGKILL)
+        found = run.finish(code=1)
+    assert not out.exists()
+    assert found["recording_complete"] is False
+    assert "recording" in run.stderr
