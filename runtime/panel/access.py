@@ -9,6 +9,7 @@ by its Origin, and so is a Host that isn't ours (DNS rebinding).
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import secrets
 from collections.abc import Awaitable, Callable
@@ -37,6 +38,8 @@ class Access:
         self._secret = ""
         self._key = ""
         self._token = ""
+        # Called as a browser is let in: with its transport, and whether by the key or token, else the cookie.
+        self.entered: Callable[[asyncio.BaseTransport | None, bool], object] = lambda *_: None
 
     def address(self) -> str:
         """Returns a new address, good for one browser once; the one before is worth nothing from now on."""
@@ -68,12 +71,14 @@ class Access:
         given, secret = (_key(request), self._key) if speaks else (request.cookies.get(self._cookie, ""), self._secret)
         if not _same(given, secret):
             raise web.HTTPForbidden(text="Open the address that was printed.\n")
+        self.entered(request.transport, speaks)  # a cookie may be known to another user
         return await handler(request)
 
     async def _exchange(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Answers with the page, which holds the key this once."""
         if not _same(request.query["token"], self._token):
             raise web.HTTPForbidden(text=_SPENT)
+        self.entered(request.transport, True)
         self._token, self._secret, self._key = "", secrets.token_urlsafe(24), secrets.token_urlsafe(24)
         page = await handler(request)
         assert isinstance(page, web.Response)

@@ -8,6 +8,7 @@ import socket
 import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -15,9 +16,10 @@ from typing import Any, ClassVar, Final
 from aiohttp import web
 
 from runtime.contracts.errors import HostError
-from runtime.ipc.control_socket import send_request
+from runtime.ipc.control_socket import send_note, send_request
 from runtime.ipc.run_folder import RunFolder
 from runtime.panel.access import HOST, Access
+from runtime.panel.door import Door
 from runtime.panel.peer import BadMessageError, Peer, number
 
 PAGE: Final = Path(__file__).parent / "page"
@@ -42,6 +44,9 @@ class PageServer(ABC):
         self.peers: list[Peer] = []
         self._folder = run_folder
         self._access: Access | None = None
+        self._door: Door | None = None
+        self._stops = ThreadPoolExecutor(4, thread_name_prefix="stop")  # nobody else's work keeps a stop waiting
+        self._stopping: set[asyncio.Task[None]] = set()
 
     def add_routes(self, router: web.UrlDispatcher) -> None:
         """Adds what is to be fetched beside the files."""
@@ -94,9 +99,11 @@ class PageServer(ABC):
         self.add_routes(app.router)
         app.router.add_get("/socket", self._talk, allow_head=False)
         app.router.add_post("/stop", self._stop)
-        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=1.0)
+        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=1.0, keepalive_timeout=15.0)
         await runner.setup()
-        await web.SockSite(runner, listener).start()
+        assert runner.server is not None
+        self._door = door = Door(listener, runner.server, lambda text: send_note(self._folder, text))
+        self._access.entered = door.let_in
         follower = asyncio.create_task(self._follow())
         try:
             yield follower
@@ -104,7 +111,9 @@ class PageServer(ABC):
             follower.cancel()
             for peer in list(self.peers):
                 await peer.socket.close(code=1001, message=b"the server ends")
+            door.close()
             await runner.cleanup()
+            self._stops.shutdown(wait=False)
             self.close()
 
     async def _file(self, request: web.Request) -> web.Response:
@@ -113,10 +122,24 @@ class PageServer(ABC):
 
     async def _stop(self, request: web.Request) -> web.Response:
         """A stop by a person. It goes straight to the loop's stop socket, whatever the state of the page."""
-        sent = asyncio.get_running_loop().run_in_executor(None, send_request, self._folder, "stop")
-        self.stopped()
-        answer = await sent
+        answer = await self._ask_stop()
         return web.json_response(answer or {"ok": False, "error": "no answer"}, status=200 if answer else 504)
+
+    async def _ask_stop(self) -> dict[str, object] | None:
+        sent = asyncio.get_running_loop().run_in_executor(self._stops, send_request, self._folder, "stop")
+        self.stopped()
+        return await sent
+
+    def _stop_for(self, peer: Peer, message: dict[str, Any]) -> None:
+        """A stop over the page's open connection."""
+
+        async def told() -> None:
+            answer = await self._ask_stop()
+            peer.tell({"kind": "stopped", "at": message.get("at"), "ok": bool(answer and answer["ok"])})
+
+        task = asyncio.create_task(told())
+        self._stopping.add(task)
+        task.add_done_callback(self._stopping.discard)
 
     async def _talk(self, request: web.Request) -> web.StreamResponse:
         if len(self.peers) >= PEERS:
@@ -129,7 +152,10 @@ class PageServer(ABC):
         try:
             while (message := await peer.hear()) is not None:
                 try:
-                    self.heard(peer, message)
+                    if message.get("kind") == "stop":
+                        self._stop_for(peer, message)
+                    else:
+                        self.heard(peer, message)
                 except BadMessageError as error:
                     await peer.refuse(str(error))
         finally:
@@ -143,6 +169,8 @@ class PageServer(ABC):
     async def _follow(self) -> None:
         while True:
             self.look()
+            if self._door is not None:
+                self._door.look(time.monotonic())
             await asyncio.sleep(POLL)
 
 

@@ -1,7 +1,8 @@
 """What is probably wrong, and told, not refused.
 
 Numbers in another unit: degrees for radians, millimetres for metres, grams for kilograms. A number's unit is the first
-word of its option's description; a hall may be longer than a room.
+word of its option's description; a hall may be longer than a room. Where a real device is to move, such a number is
+refused, unless the profile's `meant:` names it.
 
 A file of the simulated wearer where real devices feed the law, and one of another body than the profile's.
 
@@ -27,6 +28,7 @@ from pydantic.fields import FieldInfo
 
 from runtime.contracts.clearance import Clearance
 from runtime.contracts.driver import Driver
+from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
 from runtime.control.models import ArmsModel, bodies
@@ -55,8 +57,12 @@ def doubts(
     simulated: list[str],
     clearances: Mapping[str, Clearance],
 ) -> list[str]:
-    """Returns what is doubted, a line each, with its place; `simulated` names devices."""
-    found = [
+    """Returns what is doubted, a line each, with its place; `simulated` names devices.
+
+    Raises:
+        WiringError: a real device is to move, and a number can't be in its unit.
+    """
+    units = [
         doubt
         for path, field, value in options(profile, devices, [law.controller for law in laws], world, clearances)
         for doubt in _of_option(path, field, value)
@@ -66,11 +72,16 @@ def doubts(
         unit = _position_unit(commands.get(name))
         for key in ("lower", "upper"):
             for place, value in _numbers(getattr(limits, key, None), f"guard.{name}.{key}"):
-                found += _doubt(place, value, unit)
+                units += _doubt(place, value, unit)
         for place, value in _numbers(limits.velocity, f"guard.{name}.velocity"):
             if unit in FAST and FAST[unit] < abs(value) < inf:
                 asked = "Are these degrees? " if unit == "rad" else "Are these millimetres? "
-                found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
+                units.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
+    units = [(place, text) for place, text in units if not _within(place, profile.meant)]
+    if units and any(d.commands and d.name not in simulated for d in devices):
+        place, text = units[0]
+        raise WiringError(source.place(place), text, f"Correct it; if it is meant so, add `meant: [{place}]`")
+    found = units
     found += _of_simulation(profile, laws, simulated)
     found += [
         (f"devices.{d.name}.{d.simulated}", "it was made in simulation, and the device is real: calibrate")
@@ -95,6 +106,11 @@ def doubts(
                 if REACH < abs(value) <= ROOM:
                     found += _doubt(f"frames.{name}.position.{i}", value, "m", REACH)
     return [f"{source.place(place)}: {text}" for place, text in found]
+
+
+def _within(place: str, meant: tuple[str, ...]) -> bool:
+    """Whether a place is one of these, or in one of them."""
+    return any(place == each or place.startswith(f"{each}.") for each in meant)
 
 
 def _position_unit(command: Command | None) -> str:

@@ -183,6 +183,9 @@ class Profile(Part):
     rate: Fraction = Field(description="Hz; 100, or '1000/3'")
     start: Literal["auto", "manual"] = "auto"
     seed: int = 0
+    meant: tuple[str, ...] = Field(
+        (), description="places whose numbers are meant as they stand, though they look like another unit"
+    )
     backend: Backend = Field("auto", description="what computes laws and guards: 'auto', 'c' or 'python'")
     clock: str = Field("monotonic", description="'monotonic', or the device whose own tick paces the loop")
     devices: dict[str, DeviceEntry] = Field(min_length=1)

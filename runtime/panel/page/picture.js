@@ -55,7 +55,7 @@ function show(given) {
 
 async function stop() {
   stopWords = "Stopping …";
-  stopWords = await askStop();
+  stopWords = await askStop(link);
 }
 
 addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); }, true);

@@ -49,7 +49,7 @@ function begin() {
 
 async function stop() {
   stopWords = "Stopping …";
-  stopWords = await askStop();
+  stopWords = await askStop(link);
 }
 
 addEventListener("keydown", (event) => {

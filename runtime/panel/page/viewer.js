@@ -17,7 +17,7 @@ let alarms = [], armed = null; // the animations that bring up the red frame, an
 
 async function stop() {
   stopWords = "Stopping …";
-  stopWords = await askStop();
+  stopWords = await askStop(link);
 }
 
 addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); }, true);

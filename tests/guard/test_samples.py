@@ -1,0 +1,224 @@
+"""What no joint and no sensor can have done is no sample; what they can have done is taken, and never late."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.compiled import needs_c
+from hypothesis import given
+from hypothesis import strategies as st
+
+from runtime.contracts.compiled import undone
+from runtime.contracts.plausible import plausible
+from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POSE, WRENCH
+from runtime.guard.samples import AGREE, SLACK, SPEED, SampleCheck
+
+DT = 10_000_000  # ns
+FAST = 2.0  # rad/s
+JOINTS = ("one", "two")
+SIGNALS = (
+    Signal(name="position", shape=(2,), unit="rad", labels=JOINTS),
+    Signal(name="velocity", shape=(2,), unit="rad/s", labels=JOINTS),
+)
+REACH = SLACK["rad"] + SPEED * FAST * DT * 1e-9
+
+
+class Arm:
+    """Two joints whose samples are judged."""
+
+    def __init__(self, in_c: bool = True, signals: tuple[Signal, ...] = SIGNALS) -> None:
+        self.row = np.zeros(sum(s.size for s in signals))
+        self.arrays, at = {}, 0
+        for s in signals:
+            self.arrays[s.name] = self.row[at : at + s.size].reshape(s.shape)
+            at += s.size
+        self.check = SampleCheck(signals, self.arrays)
+        if not in_c:
+            self.check._steps = [(undone, piece, rows) for _, piece, rows in self.check._steps]
+        self.now = 0
+
+    def led(self) -> Arm:
+        self.check.expect("position", np.full(2, FAST))
+        return self
+
+    def at(self, *position: float, new: bool = True, cycles: int = 1, **others: float) -> bool:
+        for _ in range(cycles):
+            self.now += DT
+            self.arrays["position"][:] = position
+            for name, value in others.items():
+                self.arrays[name][:] = value
+            taken = self.check.take(self.now if new else self.check._seen, self.now)
+        return taken
+
+    @property
+    def place(self) -> list[float]:
+        return [float(v) for v in self.arrays["position"]]
+
+
+@pytest.mark.parametrize("wrong", [0.3, -0.3, 1.5, 100.0, 1e300, -3e38])
+def test_one_wrong_sample_is_not_taken_and_the_one_before_stays(wrong: float) -> None:
+    arm = Arm().led()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    assert not arm.at(wrong, 0.2)
+    assert arm.place == [0.1, 0.2]
+    assert arm.check.odd is not None
+    assert (arm.check.odd.signal, arm.check.odd.element) == ("position", "one")
+    assert arm.at(0.1, 0.2)
+    assert arm.check.refused == 1
+
+
+def test_a_value_that_is_not_known_is_none_that_is_wrong() -> None:
+    arm = Arm().led()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    assert arm.at(np.nan, 0.2)
+    assert arm.at(np.inf, 0.2)
+    assert not arm.at(0.5, 0.2)  # and it hides no jump
+    assert arm.at(0.1, 0.2)
+
+
+def test_a_refused_sample_that_stands_still_grows_old() -> None:
+    arm = Arm().led()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    assert not arm.at(0.9, 0.2)
+    assert not arm.at(*arm.place, new=False, cycles=5)
+    assert arm.place == [0.1, 0.2]
+
+
+def test_the_first_samples_must_agree_before_any_counts() -> None:
+    arm = Arm().led()
+    arm.at(3.0, 0.2)
+    arm.at(0.1, 0.2)
+    assert not arm.check.settled
+    arm.at(0.1, 0.2, cycles=AGREE - 1)
+    assert arm.check.settled
+    assert arm.place == [0.1, 0.2]
+
+
+def test_what_stays_where_it_jumped_to_is_taken_and_said() -> None:
+    arm = Arm().led()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    taken = [arm.at(0.9, 0.2) for _ in range(AGREE)]
+    assert taken == [False] * (AGREE - 1) + [True]
+    assert arm.check.jumped
+    arm.at(0.9, 0.2)
+    assert not arm.check.jumped
+
+
+def test_a_joint_without_a_command_may_be_anywhere() -> None:
+    arm = Arm()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    assert arm.at(3.0, 0.2)
+
+
+def test_after_a_loss_it_may_be_anywhere() -> None:
+    arm = Arm().led()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    arm.check.forget()
+    arm.at(1.2, 0.2, cycles=AGREE)
+    assert arm.check.settled
+    assert not arm.check.jumped
+    assert arm.place == [1.2, 0.2]
+
+
+motion = st.lists(st.floats(-1, 1), min_size=2, max_size=60)
+
+
+@given(motion, st.floats(-3, 3), st.sampled_from((1, 3, 16)))
+def test_no_motion_within_the_limit_is_ever_refused(speeds: list[float], start: float, every: int) -> None:
+    """A device may sample more slowly than the loop runs."""
+    arm, q = Arm().led(), start
+    arm.at(q, 0.0, cycles=AGREE)
+    for k, share in enumerate(speeds):
+        q += share * FAST * DT * 1e-9 * (k % every == 0)
+        assert arm.at(q, 0.0, new=k % every == 0)
+
+
+@given(st.floats(1, 40), st.floats(20, 300))
+def test_a_hand_moves_a_limp_joint_faster_than_any_command_and_no_sample_is_refused(top: float, push: float) -> None:
+    arm, q, v = Arm().led(), 0.0, 0.0
+    arm.at(q, 0.0, cycles=AGREE)
+    dt = DT * 1e-9
+    for _ in range(60):
+        v = min(v + min(push, (SLACK["rad"] + SPEED * FAST * dt) / dt**2) * dt, top)
+        q += v * dt
+        assert arm.at(q, 0.0)
+        assert not arm.check.jumped
+
+
+@given(motion, st.integers(0, 59), st.floats(allow_nan=False))
+def test_no_single_sample_moves_what_is_used_beyond_what_a_joint_can_do(
+    speeds: list[float], when: int, wrong: float
+) -> None:
+    when %= len(speeds)
+    arm, q = Arm().led(), 0.0
+    arm.at(q, 0.0, cycles=AGREE)
+    for k, share in enumerate(speeds):
+        before = arm.place[0]
+        q += share * FAST * DT * 1e-9
+        arm.at(wrong if k == when else q, 0.0)
+        if np.isfinite(arm.place[0]):
+            assert abs(arm.place[0] - before) <= 2 * REACH
+        else:
+            arm.arrays["position"][0] = before
+
+
+samples = st.lists(
+    st.tuples(
+        *[st.floats(width=32) | st.sampled_from((0.0, 0.01, 0.02, 0.3, np.nan, np.inf, 1e300))] * 4,
+        st.booleans(), st.sampled_from((0, 1, 10, 100)),
+    ),
+    max_size=30,
+)  # fmt: skip
+
+
+@needs_c
+@pytest.mark.slow
+@given(samples)
+def test_c_judges_as_python_does(series: list[tuple[Any, ...]]) -> None:
+    both = Arm(True).led(), Arm(False).led()
+    for *values, new, step in series:
+        for arm in both:
+            arm.now += step * DT
+            arm.row[:] = values
+            arm.check.take(arm.now if new else arm.check._seen, arm.now)
+        one, other = both
+        assert one.row.tobytes() == other.row.tobytes()
+        assert one.check._state.tobytes() == other.check._state.tobytes()
+        assert (one.check.odd, one.check.jumped, one.check.refused) == (
+            other.check.odd, other.check.jumped, other.check.refused,
+        )  # fmt: skip
+
+
+def test_a_force_beyond_the_sensor_is_none_and_a_jump_needs_more_than_one_sample() -> None:
+    signal = Signal(name="position", shape=(6,), unit="N, N m", labels=WRENCH)
+    arm = Arm(signals=(signal,))
+    most = np.array([800.0] * 3 + [40.0] * 3)
+    arm.check.narrow("position", -most, most)
+    zero = [0.0] * 6
+    arm.at(*zero, cycles=AGREE)
+    assert not arm.at(0, 0, 801.0, 0, 0, 0)
+    assert not arm.at(0, 0, 300.0, 0, 0, 0)
+    assert arm.at(0, 0, 100.0, 0, 0, 0)
+    assert [arm.at(0, 0, 400.0, 0, 0, 0) for _ in range(AGREE)] == [False] * (AGREE - 1) + [True]
+
+
+@pytest.mark.parametrize(
+    ("signal", "inside", "outside"),
+    [
+        (Signal(name="a", shape=(7,), unit="m", labels=POSE), [99, 0, 0, 1, 0, 0, 0], [101, 0, 0, 1, 0, 0, 0]),
+        (Signal(name="a", shape=(7,), unit="m", labels=POSE), [0, 0, 0, 1, 0, 0, 0], [0, 0, 0, 1.1, 0, 0, 0]),
+        (Signal(name="a", shape=(1,), unit="m/s^2"), [300.0], [5e3]),
+        (Signal(name="a", shape=(1,), unit="degC"), [80.0], [1e3]),
+        (Signal(name="a", shape=(1,), unit="furlong"), [1e6], [1e12]),
+        (Signal(name="a", shape=(2,), unit="rad", labels=JOINTS, plausible=(-3.0, (3.0, 4.0))), [-3, 4], [0, 4.1]),
+    ],
+)
+def test_the_range_is_that_of_the_unit_the_quantity_or_the_device(
+    signal: Signal, inside: list[float], outside: list[float]
+) -> None:
+    low, high = plausible(signal)
+    assert ((low <= inside) & (inside <= high)).all()
+    assert not ((low <= outside) & (outside <= high)).all()
