@@ -71,7 +71,7 @@ class _Compiled(Fast):
     def taken(self, left: bool, dt: float) -> bool:
         tracker = self._tracker
         if self._same is not None and dt <= tracker._patience and (left or not tracker.stalled) and not self._same(dt):
-            tracker.stalled, tracker._dt = False, dt
+            tracker.stalled, tracker.false, tracker._dt = False, 0.0, dt
             self._all_taken, self._dt = True, dt
             return True
         self.tell()

@@ -55,9 +55,15 @@ class SentTracker:
             return []
         seats, unsent, parted = list(self.seats), list(self._unsent), []
         low, high = list(map(min, self._low, applied)), list(map(max, self._high, applied))
-        self.stalled, false = False, False
+        self.stalled, wrong = False, False
         for i, (s, a, before, r) in enumerate(zip(sent, applied, self._previous, self._resolution, strict=True)):
             near, late = abs(s - a) <= r, abs(s - before) <= r  # False for NaN
+            false = left and isfinite(s) and not (near or late) and abs(s - self._given(i, s, low[i], high[i])) > r
+            if false:
+                # A command left, and this wasn't it: the report says nothing. The guard goes on from its own state, as
+                # else a stop would begin anew with each report.
+                wrong, unsent[i], low[i], high[i] = True, dt, a, a
+                continue
             # A device that rounds may hold what is applied without being sent anything. But in a stall, being near
             # to what was sent shows nothing, as the guard has begun there: until a command leaves, it isn't taken.
             taken = (near or late) and (left or unsent[i] <= self._patience)
@@ -69,14 +75,13 @@ class SentTracker:
             stalled, limited = unsent[i] > self._patience, left and isfinite(s) and not (near or late)
             if left and isfinite(s):
                 seats[i] = self._given(i, s, low[i], high[i])
-                false |= not (near or late) and abs(s - seats[i]) > r
             if limited or (stalled and (taken or not near)):
                 parted.append(i)
             self.stalled |= stalled
         previous = list(applied)
         for i in parted:
             previous[i] = nan
-        self.false = self.false + dt if false else 0.0 if left else self.false
+        self.false = self.false + dt if wrong else 0.0 if left else self.false
         self.seats, self._low, self._high, self._previous, self._unsent = seats, low, high, previous, unsent
         return parted
 

@@ -21,6 +21,9 @@ FAULTS = {
     "nan": "samples go on coming, and every value in them is NaN",
     "garbage": "samples go on coming, with other numbers in each: of either sign, from 0.001 to a million",
     "out-of-range": "samples go on coming, and every value in them is a million",
+    "wrong-sample": "one sample has values beyond all reason; then all is as before",
+    "drifting": "the positions that its commands are about are measured 0.6 rad (m) further off with each second",
+    "misreporting": "it reports as sent what wasn't: all is 1 more",
     "late": "samples come `by` seconds after they were taken",
     "clock-jump": "samples go on coming, and their stamps are off by `by` seconds, forward or back",
     "disconnected": "it is gone, as with the cable pulled out, and can't be opened until it is healed",
@@ -28,11 +31,11 @@ FAULTS = {
     "refusing": "it is connected and says that it won't move, as after a protective stop",
 }
 """What each does, in one line."""
-_OF_COMMANDS = ("deaf", "refusing")
-_CHANGED = ("frozen", "nan", "garbage", "out-of-range", "late", "clock-jump")
+_OF_COMMANDS = ("deaf", "refusing", "drifting", "misreporting")
+_CHANGED = ("frozen", "nan", "garbage", "out-of-range", "wrong-sample", "drifting", "late", "clock-jump")
 _OF_SAMPLES = ("silent", *_CHANGED)
 _TIMED = ("late", "clock-jump")
-_HUGE = 1e6
+_HUGE, _ABSURD, _DRIFT = 1e6, 1e12, 0.6
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ class FaultyDevice:
         self._driver, self._by = driver, 0
         self._read, self._write, self._open = driver.read, driver.write, driver.open
         self._own = self._shown = self._sample()
+        self._since = -1  # ns, when the fault's first sample came
+        self._feedback = {c.feedback for c in driver.commands}
         self._waiting: deque[tuple[int, Sample]] = deque()
         self._random = np.random.default_rng(0)
         driver.read, driver.write, driver.open = self.read, self.write, self.open  # type: ignore[method-assign]
@@ -82,6 +87,7 @@ class FaultyDevice:
         self.kind, self._by = kind, round(by * 1e9)
         self._own = self._shown = self._sample()
         self._waiting.clear()
+        self._since = -1
         self._random = np.random.default_rng([ord(c) for c in self._driver.name])  # the same run gives the same bits
 
     def end(self) -> None:
@@ -99,6 +105,7 @@ class FaultyDevice:
             return
         if self.kind not in _CHANGED:
             self._read(now)
+            self._misreport()
             if self.kind == "refusing":
                 self._driver.health.fault = "it refuses to move (a fault of the test)"
             return
@@ -106,12 +113,23 @@ class FaultyDevice:
         self._read(now)
         fresh = self._sample()
         new, self._own = fresh.stamp != self._own.stamp, fresh
+        self._since = now if self._since < 0 else self._since
         if self.kind == "late":
             self._waiting.append((now, fresh))
             while self._waiting and self._waiting[0][0] <= now - self._by:
                 self._shown = self._waiting.popleft()[1]
         elif self.kind == "clock-jump":
             self._shown = Sample(fresh.stamp + self._by, fresh.values)
+        elif self.kind == "drifting":
+            off = _DRIFT * (now - self._since) * 1e-9
+            self._shown = Sample(
+                fresh.stamp, {n: v + off if n in self._feedback else v for n, v in fresh.values.items()}
+            )
+        elif self.kind == "wrong-sample":
+            wrong = self._since == now
+            self._shown = Sample(
+                fresh.stamp, {n: np.full_like(v, _ABSURD) if wrong else v for n, v in fresh.values.items()}
+            )
         elif self.kind != "garbage" or new:  # garbage stays until the next sample comes
             self._shown = Sample(
                 fresh.stamp, {n: self._made(v, self._shown.values[n]) for n, v in fresh.values.items()}
@@ -132,6 +150,12 @@ class FaultyDevice:
         self._refuse_while_gone()
         if self.kind != "deaf":
             self._write(now)
+            self._misreport()
+
+    def _misreport(self) -> None:
+        if self.kind == "misreporting":
+            for values in self._driver.sent_arrays.values():
+                values += 1.0  # NaN, where nothing was sent, stays
 
     def open(self) -> None:
         """As the driver's."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from runtime.contracts.signals import Array, Kind
 from runtime.guard import CommandGuard
 from runtime.ipc.layout import Layout
-from runtime.ipc.words import CYCLE, DEVICE, State
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, State
 from runtime.profile.graph import Actuator, Graph
 
 LONGEST: Final = 5  # periods: a longer pause may not be made up for (runtime/guard/base.py)
@@ -28,6 +28,7 @@ class Sent:
         left: (k,) bool: a command left in this cycle.
         begun: (k,) how many starts and resets there were until then: after each, the command begins anew.
         measured: (k, n) in the same unit; None: not measured, or not the command's own coordinates.
+        led: (k,) bool: the device was commanded until the cycle before, so a position goes on from what was sent.
         time: (k,) s, of each cycle, as the guards counted it: a late cycle may go further.
         dt: s, the period.
     """
@@ -36,6 +37,7 @@ class Sent:
     left: NDArray[np.bool_]
     begun: NDArray[np.int64]
     measured: Array | None
+    led: NDArray[np.bool_]
     time: Array
     dt: float
 
@@ -81,7 +83,7 @@ def _reference(sent: Sent, k: int, before: int | None, begins: bool, kind: Kind)
         return np.zeros_like(sent.values[k].ravel())
     if begins and kind is Kind.TORQUE:
         return None
-    if begins and sent.measured is not None:
+    if begins and sent.measured is not None and not (sent.led[k] and before is not None):
         there = sent.measured[k].ravel()
         return there if np.isfinite(there).all() else None
     if before is None:
@@ -112,6 +114,7 @@ def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Act
     return Sent(
         values, left, np.cumsum(np.diff(runs.astype(np.int64), prepend=0) > 0),
         of(f"{graph.devices[actuator.device].name}.{feedback}") if feedback else None,
+        np.roll((words[:, DEVICE.link] & LINK_ACTIVE) != 0, 1),
         np.cumsum(rows[:, CYCLE.dt], dtype=np.float64) * 1e-9, float(1 / graph.profile.rate),
     )  # fmt: skip
 

@@ -67,7 +67,7 @@ def test_a_stall_replays_and_a_perturbed_value_doesnt(tmp_path: Path, monkeypatc
     b.run(300, lambda k: _follow(b, (100, 190), k))
     rows = b.rows()[:-1]
     assert replay(b.graph.layout, rows, "toy").identical
-    changed = replay(b.graph.layout, perturbed(b.graph.layout, rows, "arm.command.sent:60:1e-3"), "toy")
+    changed = replay(b.graph.layout, perturbed(b.graph.layout, rows, "arm.command.sent:60:-1e-3"), "toy")
     assert changed.largest > 0
     assert not changed.identical
 

@@ -45,7 +45,10 @@ def run(profile: str, device: str, fault: str, seed: int = 1) -> dict[str, Any]:
         ("glove", "silent", "intent_loss"),
         ("glove", "clock-back", "intent_loss"),
         ("glove", "clock-forward", "intent_loss"),
-        ("glove", "garbage", "none"),
+        ("glove", "garbage", "intent_loss"),
+        ("glove", "out-of-range", "intent_loss"),
+        ("glove", "wrong-sample", "none"),
+        ("finger", "misreporting", "device_fault"),
         ("finger", "disconnected", "device_loss"),
         ("finger", "refusing", "device_fault"),
         ("finger", "deaf", "none"),
@@ -55,7 +58,7 @@ def test_the_finger_does_what_is_expected(device: str, fault: str, cause: str) -
     found = run("sixth-finger", device, fault)
     assert found["wrong"] == ""
     assert found["cause"] == cause
-    assert 0.0 < found["step"] <= 1.0
+    assert fault == "misreporting" or 0.0 < found["step"] <= 1.0
     assert found["recorded"]
 
 
@@ -123,15 +126,16 @@ def test_a_broken_runtime_is_caught(
 
 
 def sent(
-    values: list[float], left: list[int], begun: list[int] | None = None, measured: Any = None, late: float = 0.0
+    values: list[float], left: list[int], begun: list[int] | None = None, measured: Any = None, late: float = 0.0,
+    led: bool = False,
 ) -> Sent:
-    """`late`: s, of the last one."""
+    """`late`: s, of the last one; `led`: the device was commanded all the time."""
     count = len(values)
     time = np.arange(count) * 0.01
     time[-1] += late
     return Sent(
         np.array(values)[:, None], np.isin(np.arange(count), left), np.array(begun or [0] * count),
-        None if measured is None else np.array(measured)[:, None], time, 0.01,
+        None if measured is None else np.array(measured)[:, None], np.full(count, led), time, 0.01,
     )  # fmt: skip
 
 
