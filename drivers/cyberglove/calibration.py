@@ -25,10 +25,10 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, ValidationError, model_validator
-from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drivers.cyberglove.protocol import LABELS
+from runtime.contracts import yaml_text
 from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import ProfileError, nearest
 from runtime.contracts.files import KeptFile
@@ -178,7 +178,7 @@ def default(sensors: int) -> Calibration:
 
 def _own(path: Path, text: str, sensors: int) -> Calibration:
     try:
-        tree = YAML(typ="safe", pure=True).load(text)
+        tree = yaml_text.load(text)
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = f"{path}: line {mark.line + 1}" if mark else str(path)

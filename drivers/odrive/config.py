@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, Self
 
@@ -11,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from drivers.can_axes.config import CanAxesConfig, CanAxis, Finite, Positive
 from drivers.odrive.protocol import Firmware
 from runtime.contracts.files import FileOption, KeptFile
+from runtime.contracts.sealed import opened
 
 PATHS: Final = {"axis0.config.watchdog_timeout": "float", "axis0.config.enable_watchdog": "bool"}
 _WHERE: Final = "Get flat_endpoints.json of exactly your firmware and hardware version from the maker"
@@ -147,11 +147,13 @@ class OdriveConfig(CanAxesConfig):
         if self.endpoints is None:
             return None
         try:
-            data = json.loads(self.endpoints.text)
+            data = opened(self.endpoints.text)
             found = {path: data["endpoints"][path] for path in PATHS}
-            ids = {path: int(entry["id"]) for path, entry in found.items()}
+            ids = {path: entry["id"] for path, entry in found.items()}
+            if not all(type(id) is int for id in ids.values()):
+                raise ValueError("an id is no whole number")
             firmware, hardware = str(data["fw_version"]).partition("-")[0], str(data["hw_version"])
-        except (UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(
                 f"{self.endpoints.path.name} isn't a flat_endpoints.json with {' and '.join(PATHS)} ({error}). {_WHERE}"
             ) from None

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from runtime.contracts.tls import TlsConfig
@@ -83,7 +83,7 @@ def _key(path: Path, certificate: x509.Certificate | None, anew: str) -> Iterato
         )
     try:
         fits = certificate is None or load_pem_private_key(content, None).public_key() == certificate.public_key()
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, UnsupportedAlgorithm):
         fits = False
     if not fits:
         yield Doubt(True, f"{path} isn't the certificate's key", "Put the right pair there", anew)

@@ -10,6 +10,13 @@ import difflib
 from collections.abc import Iterable
 
 
+def _line(text: str, most: int = 1000) -> str:
+    """The text as one line of bounded length: it may quote what a file has."""
+    if "\n" in text or "\r" in text:
+        text = " ".join(text.split())
+    return text if len(text) <= most else f"{text[:most]} ..."
+
+
 class SrlError(Exception):
     """Something outside this program is wrong.
 
@@ -20,10 +27,8 @@ class SrlError(Exception):
     """
 
     def __init__(self, place: str, problem: str, remedy: str) -> None:
-        super().__init__(place, problem, remedy)
-        self.place = place
-        self.problem = problem
-        self.remedy = remedy
+        self.place, self.problem, self.remedy = _line(place, 400), _line(problem), _line(remedy, 2000)
+        super().__init__(self.place, self.problem, self.remedy)
 
     def __str__(self) -> str:
         return f"{self.place}: {self.problem}. {self.remedy}."
@@ -41,9 +46,8 @@ class OptionError(ValueError):
     """
 
     def __init__(self, problem: str, remedy: str) -> None:
-        super().__init__(f"{problem}. {remedy}")
-        self.problem = problem
-        self.remedy = remedy
+        self.problem, self.remedy = _line(problem), _line(remedy, 2000)
+        super().__init__(f"{self.problem}. {self.remedy}")
 
 
 class WiringError(SrlError):

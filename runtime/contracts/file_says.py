@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+
+from runtime.contracts import yaml_text
 
 
 def file_says(content: bytes) -> dict[str, Any]:
     """What a calibration file holds; nothing, where it is none."""
     try:
         said = json.loads(content)
+    except RecursionError:
+        return {}
     except ValueError:
         try:
-            said = YAML(typ="safe", pure=True).load(content.decode())  # a glove's may be YAML
-        except (YAMLError, ValueError):
+            said = yaml_text.load(content.decode())  # a glove's may be YAML
+        except (YAMLError, ValueError, RecursionError):
             return {}
     return said if isinstance(said, dict) else {}

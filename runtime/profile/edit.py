@@ -11,6 +11,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
+from runtime.contracts import yaml_text
 from runtime.contracts.errors import ProfileError
 from runtime.profile import profile
 from runtime.profile.overrides import plain_values, split, steps, value
@@ -98,7 +99,7 @@ def _shape(node: Node) -> Any:
 
 def content(text: str) -> dict[str, Any]:
     """The keys and values of a profile's text, as they stand there: no choice is made."""
-    found: dict[str, Any] = plain_values(YAML(typ="rt", pure=True).load(text))
+    found: dict[str, Any] = plain_values(yaml_text.load(text, "rt"))
     return found
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import io
+import re
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
-from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from runtime.contracts import yaml_text
 from runtime.contracts.errors import ProfileError
 from runtime.contracts.files import Typed
+
+_DEEP: Final = 64  # parts of a key path
 
 
 def apply(tree: Any, override: str) -> None:
@@ -48,9 +50,11 @@ def steps(tree: Any, path: str, place: str) -> list[str | int]:
         ProfileError: it leads into what has no keys; `place` is the error's.
     """
     node, parts, found = tree, path.split("."), list[str | int]()
+    if len(parts) > _DEEP:
+        raise ProfileError(place, f"the key path has {len(parts)} parts", "Check it against the profile")
     while parts:
         length = 1
-        if isinstance(node, list) and parts[0].isdigit() and int(parts[0]) < len(node):
+        if isinstance(node, list) and re.fullmatch("[0-9]{1,9}", parts[0]) and int(parts[0]) < len(node):
             found.append(int(parts[0]))
             node = node[int(parts[0])]
         elif isinstance(node, dict):
@@ -82,7 +86,9 @@ def plain_values(node: Any) -> Any:
 
 @lru_cache(maxsize=256)
 def _read(text: str) -> Any:
-    return plain_values(YAML(typ="safe", pure=True).load(io.StringIO(text)))
+    if "*" in text:
+        raise YAMLError("it has an alias")  # of itself, it would never end
+    return plain_values(yaml_text.load(text))
 
 
 def _typed(node: Any) -> Any:

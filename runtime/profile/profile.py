@@ -21,6 +21,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
+from runtime.contracts import yaml_text
 from runtime.contracts.compiled import Backend
 from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, ProfileError, nearest
@@ -207,8 +208,13 @@ class Profile(Part):
     @classmethod
     def _rate(cls, value: Any) -> Any:
         try:
-            rate = Fraction(str(value)) if isinstance(value, int | str | float) else value
-        except ValueError:
+            rate = value
+            if isinstance(value, int | str | float):
+                text = str(value)
+                if len(text) > 40 or "e" in text.lower():  # a power of ten has as many digits as it says
+                    raise ValueError
+                rate = Fraction(text)
+        except (ValueError, ZeroDivisionError):
             raise ValueError("must be a number of Hz or a fraction such as '1000/3'") from None
         if isinstance(rate, Fraction) and not Fraction(1) <= rate <= Fraction(10_000):
             raise ValueError("must be from 1 to 10000 Hz")
@@ -310,7 +316,7 @@ def tree(
 def _read(label: str, text: str) -> tuple[dict[str, int], dict[str, Any]]:
     """The line of each key path, and the keys as plain values: not to be changed."""
     _refuse_nested_aliases(label, text)
-    read = YAML(typ="rt", pure=True).load(text)
+    read = yaml_text.load(text, "rt")
     if not isinstance(read, CommentedMap):
         raise ProfileError(label, "the profile isn't a mapping of keys to values", "Start from one under profiles/")
     lines: dict[str, int] = {}
@@ -320,6 +326,7 @@ def _read(label: str, text: str) -> tuple[dict[str, int], dict[str, Any]]:
 
 def _refuse_nested_aliases(label: str, text: str) -> None:
     """An alias within what has an anchor may double the text with every line, until no memory is left."""
+    yaml_text.check(text)
     if "*" not in text:
         return  # no alias; looking for one takes as long as reading
     anchored: list[bool] = []  # of the collections that are open

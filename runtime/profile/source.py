@@ -92,7 +92,9 @@ def first_error(error: ValidationError, source: Source, prefix: str, model: type
         return ProfileError(source.place(path), f"{cause.problem}{more}", cause.remedy)
     message = item["msg"].removeprefix("Value error, ")
     value = item.get("input")
-    shown = f", not {value!r}" if isinstance(value, str | int | float | bool) or value is None else ""
+    huge = isinstance(value, int) and value.bit_length() > 1000  # Python doesn't write such a number
+    plain = isinstance(value, str | int | float | bool) or value is None
+    shown = f", not {repr(value)[:200]}" if plain and not huge else ""
     return ProfileError(source.place(path), f"{message[0].lower()}{message[1:]}{shown}{more}", "Correct the value")
 
 

@@ -9,6 +9,7 @@ rerun 0.41, whose own reader refuses a file that ends inside a message.
 from __future__ import annotations
 
 import os
+import stat
 import struct
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -45,7 +46,10 @@ def whole(path: Path) -> int:
     Raises:
         RecordingError: the file doesn't begin like a rerun stream.
     """
-    size = path.stat().st_size
+    about = path.stat()
+    if not stat.S_ISREG(about.st_mode):
+        raise RecordingError(str(path), "it is no regular file", "Give a .rrd file that srl wrote")
+    size = about.st_size
     with open(path, "rb") as file:
         start = file.read(HEADER)
         magic = start[:4].rstrip(b"\0")  # zeros: the power failed before it was on the disk

@@ -177,7 +177,10 @@ def _paths(folder: Path) -> Iterator[Path]:
 
 def stamped(path: Path) -> tuple[str, int]:
     """What changes when a recording's files do, and their size in bytes."""
-    files = [path] if path.is_file() else sorted(p for p in (listed(path) or path.iterdir()) if p.is_file())
+    files = [path]
+    if not path.is_file():
+        there = listed(path) or (path.iterdir() if path.is_dir() else ())
+        files = sorted(p for p in there if p.is_file())
     states = [p.stat() for p in files]
     return ";".join(f"{s.st_ino}:{s.st_size}:{s.st_mtime_ns}" for s in states), sum(s.st_size for s in states)
 

@@ -27,7 +27,7 @@ def folder_of(target: Path) -> Path:
 
 def listed(folder: Path) -> list[Path]:
     """The files, the oldest rows first."""
-    return sorted(p for p in folder.glob("*.rrd") if p.stem.isdigit())
+    return sorted(p for p in folder.glob("*.rrd") if p.stem.isdigit() and p.is_file())
 
 
 def numbered(folder: Path) -> list[Path]:

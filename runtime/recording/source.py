@@ -108,6 +108,8 @@ class Source:
             found = []
             try:
                 for file in self.files:
+                    if file.exists() and not file.is_file():
+                        raise RecordingError(str(file), "it is no regular file", "Give a .rrd file that srl wrote")
                     descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
                     stack.callback(os.close, descriptor)
                     found.append((file, Path(f"/proc/self/fd/{descriptor}")))

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from runtime.contracts import yaml_text
 from runtime.contracts.errors import RecordingError, SrlError
 from runtime.contracts.file_says import file_says
 from runtime.contracts.files import decoded
@@ -103,7 +103,7 @@ def persons(layout: Layout) -> tuple[str, ...]:
     """The anonymous ids that a layout has: of the run, of the calibration that it is, of the files in it."""
     found = [layout.meta.get("person")]
     try:
-        controllers = YAML(typ="safe", pure=True).load(str(layout.meta.get("profile", ""))).get("controllers") or []
+        controllers = yaml_text.load(str(layout.meta.get("profile", ""))).get("controllers") or []
         found += [entry.get("person") for entry in controllers]
     except (YAMLError, AttributeError, TypeError):
         pass  # a profile without laws, or none

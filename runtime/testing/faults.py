@@ -155,7 +155,7 @@ class FaultyDevice:
     def _misreport(self) -> None:
         if self.kind == "misreporting":
             for values in self._driver.sent_arrays.values():
-                values += 1.0  # NaN, where nothing was sent, stays
+                np.add(values, 1.0, out=values)  # NaN, where nothing was sent, stays
 
     def open(self) -> None:
         """As the driver's."""

@@ -9,6 +9,8 @@ import numpy as np
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 
+MAX_STEP = 5.0  # s between samples: a motion isn't recorded so slowly
+FARTHEST = 1e9  # in any unit here
 MAX_RATE = 10_000.0  # Hz; a "time" column with a higher rate isn't in seconds
 
 
@@ -44,5 +46,16 @@ def check_samples(path: Path, time: Array, values: Array, names: list[str], firs
             f"the time {time[row]:g} doesn't come after {time[row - 1]:g}",
             "Sort the samples by time and drop repeated ones",
         )
-    if np.median(steps) < 1.0 / MAX_RATE:
+    if (step := float(np.median(steps))) >= MAX_STEP:
+        raise RecordingError(
+            str(path), f"samples are {step:g} s apart: are these milliseconds?",
+            "Give the time in seconds, or name the column time_ms",
+        )  # fmt: skip
+    if np.abs(columns).max() > FARTHEST:
+        row, column = np.unravel_index(int(np.abs(columns).argmax()), columns.shape)
+        name = (["time", *names])[column]
+        raise RecordingError(
+            f"{path}, line {first_line + row}, column '{name}'", f"{columns[row, column]:g} can't be", "Correct it"
+        )
+    if step < 1.0 / MAX_RATE:
         raise RecordingError(str(path), "samples come faster than 10 kHz", "Give the time in seconds")

@@ -12,10 +12,11 @@ from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.files import ProfilePath
 from runtime.contracts.signals import Array
+from sim.wearer import npz
 from sim.wearer.checks import check_samples
 from sim.wearer.mat5 import read_mat5
 from sim.wearer.motion import Curve
-from sim.wearer.tables import read_rows
+from sim.wearer.tables import read_rows, time_column
 
 _COLUMNS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 _TIMES: Final = ("time", "t", "time_s")
@@ -102,18 +103,17 @@ def _csv(path: Path, rate: float | None) -> list[tuple[Array, Array]]:
     for i, axis in enumerate(_COLUMNS):
         if axis in names:
             wrench[:, i] = table[:, names.index(axis)]
-    times = [name for name in _TIMES if name in names]
-    time = table[:, names.index(times[0])] if times else np.arange(len(rows)) / (rate or _HANDOVER_RATE)
+    own = time_column(f"{path}, line 1", names)
+    time = np.arange(len(rows)) / (rate or _HANDOVER_RATE) if own is None else table[:, own[0]] * own[1]
     return [(time, wrench)]
 
 
 def _npz(path: Path, rate: float | None) -> list[tuple[Array, Array]]:
     """Reads arrays `t` (n,), s, and `F` (n, 6), N and N m."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            time, wrench = file["t"].astype(float), file["F"].astype(float)
-    except (OSError, ValueError, KeyError) as error:
-        raise RecordingError(str(path), f"it can't be read ({error})", "Give arrays t (n,) and F (n, 6)") from error
+    found = npz.arrays(path, ("t", "F"))
+    if lacking := [name for name in ("t", "F") if name not in found or found[name].dtype.kind == "U"]:
+        raise RecordingError(str(path), f"it has no numbers '{lacking[0]}'", "Give arrays t (n,) and F (n, 6)")
+    time, wrench = found["t"], found["F"]
     if wrench.ndim != 2 or wrench.shape[1] != 6 or time.shape != wrench.shape[:1]:
         raise RecordingError(str(path), f"t is {time.shape}, F is {wrench.shape}", "Give arrays t (n,) and F (n, 6)")
     return [(time, wrench)]
@@ -145,7 +145,7 @@ def _rate(path: Path, row: dict[str, Array]) -> float:
         moved, vel = np.diff(row["pos"], axis=1), row["vel"]
         mean = (vel[:, 1:] + vel[:, :-1]) / 2
         step = float((moved * mean).sum() / (mean * mean).sum())
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, IndexError) as error:
         raise RecordingError(str(path), "its rate can't be found from 'pos' and 'vel'", "Give 'rate'") from error
     if not 1e-4 < step < 1.0:
         raise RecordingError(str(path), f"'pos' and 'vel' give {step:.3g} s a sample", "Give 'rate'")

@@ -10,6 +10,7 @@ from 0, the end included, which is 8 ms at most.
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,10 +21,12 @@ import numpy as np
 
 from drivers.noitom.skeleton import Kind, Skeleton
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.files import read_regular
 from runtime.contracts.signals import Array
 from runtime.control.skeleton import bvh
 from sim.wearer.suit_bvh import CM, rotations, rows
 
+_MOST: Final = 1 << 26  # bytes of the table
 TABLE: Final = "InHARD.csv"
 _SKELETONS: Final = "Skeleton"
 _BODY: Final = (
@@ -65,7 +68,7 @@ def actions(folder: Path) -> list[Action]:
     """The labelled stretches, in the order of the table; labels are slugs: "picking-left". Raises RecordingError."""
     path = folder / TABLE
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with io.StringIO(read_regular(path, _MOST).decode("utf-8-sig"), newline="") as file:
             head = file.readline()
             marks = [mark for mark in ",;\t" if mark in head]
             file.seek(0)
@@ -76,7 +79,7 @@ def actions(folder: Path) -> list[Action]:
                 raise RecordingError(str(path), problem, "Give the table of the data set")
             table.fieldnames = names
             return [_action(path, number + 2, row) for number, row in enumerate(table)]
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         problem = f"it can't be read as text ({error})"
         raise RecordingError(str(path), problem, "Name the unpacked folder of the data set") from None
 

@@ -73,7 +73,7 @@ def to_model(names: Sequence[str], values: Array) -> Array | None:
     Returns:
         None if the names belong to no scheme (fewer than five joints found).
     """
-    names = _numbered(names)
+    names = numbered(names)
     column = {name: i for i, name in enumerate(names)}
     best: Array | None = None
     most = 4
@@ -92,7 +92,7 @@ def to_model(names: Sequence[str], values: Array) -> Array | None:
     return best
 
 
-def _numbered(names: Sequence[str]) -> list[str]:
+def numbered(names: Sequence[str]) -> list[str]:
     """Converts names of glove sensors, by label or number, to the numbers s0..s21 of a glove with 22 sensors.
 
     If the numbers are exactly s0..s17, the glove has 18 sensors and none at the DIP joints.

@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, cast
 import numpy as np
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.files import read_regular
 
 _TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX: Final = 14
@@ -19,7 +20,7 @@ _STRUCT: Final = 2
 _NUMBERS: Final = range(6, 16)
 _Order = Literal["<", ">"]
 _Element = tuple[int, bytes]
-_MOST: Final = 1 << 30  # greatest size of an unpacked variable, bytes
+_MOST: Final = 1 << 28  # greatest size of the file, and of an unpacked variable, bytes
 
 
 def read_mat5(path: Path) -> dict[str, Any]:
@@ -31,7 +32,7 @@ def read_mat5(path: Path) -> dict[str, Any]:
         RecordingError: not such a file, or incomplete.
     """
     try:
-        data = path.read_bytes()
+        data = read_regular(path, _MOST)
         if data[:10] != b"MATLAB 5.0" or len(data) < 128:
             raise ValueError("it doesn't begin with 'MATLAB 5.0'")
         order = cast(_Order, {b"IM": "<", b"MI": ">"}[data[126:128]])
@@ -42,7 +43,7 @@ def read_mat5(path: Path) -> dict[str, Any]:
                     name, value = _matrix(payload, order)
                     if value is not None:
                         out[name] = value
-    except (OSError, ValueError, KeyError, IndexError, struct.error, zlib.error) as error:
+    except (OSError, ValueError, KeyError, IndexError, struct.error, zlib.error, RecursionError) as error:
         raise RecordingError(
             str(path), f"it can't be read as a MATLAB file of version 5 ({error})", "Save it with 'save -v7'"
         ) from error

@@ -15,6 +15,7 @@ from sim.wearer.checks import check_samples
 from sim.wearer.motion import Curve
 from sim.wearer.tables import read_rows
 
+_LONGEST: Final = 86_400.0  # s
 _RATE: Final = 100.0  # Hz of the common time base
 _TOPIC: Final = re.compile(r"(thumb|index|middle|ring|pinkie|little)(?:_finger)?_(?:joint_([123])|(base))\.csv$")
 _PLACES: Final = {"1": "mcp_flexion", "2": "pip_flexion", "3": "dip_flexion"}
@@ -36,6 +37,8 @@ def read(folder: Path) -> tuple[Array, Array]:
         if joint is None:
             continue
         stamps, values = _topic(file)
+        if not len(stamps):
+            raise RecordingError(str(file), "it has no samples", "Leave the file out")
         origin = int(stamps[0]) if origin is None else origin
         time = (stamps - origin) * 1e-9  # subtract whole ns first: a double holds present-day stamps only to 256 ns
         check_samples(file, time, values, ["data"], 2)
@@ -49,6 +52,8 @@ def read(folder: Path) -> tuple[Array, Array]:
         )
     if end - start < 2.0 / _RATE:
         raise RecordingError(str(folder), "the topics have no time in common", "Check their time stamps")
+    if end - start > _LONGEST:
+        raise RecordingError(str(folder), f"they last {end - start:.3g} s", f"At most {_LONGEST:g} s are read")
     time = np.arange(start, end, 1.0 / _RATE)
     position = np.zeros((time.size, len(JOINTS)))
     for joint, curve in curves.items():
@@ -75,7 +80,7 @@ def _topic(file: Path) -> tuple[Array, Array]:
             "Expected the columns rosbagTimestamp (ns) and data (rad)",
         )
     for line, row in enumerate(rows, first):
-        if not row[0].strip().isdigit():
+        if not re.fullmatch("[0-9]{1,18}", row[0].strip()):
             raise RecordingError(
                 f"{file}, line {line}, column 'rosbagTimestamp'",
                 f"'{row[0]}' is not a whole number of ns",

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from runtime.contracts.files import read_regular
 from studies.toolkit.errors import StudyError
+
+MOST = 1 << 26  # bytes of a sheet
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,14 @@ class Line:
         return value
 
 
+def cells_of(reader: Iterator[list[str]], path: Path) -> Iterator[list[str]]:
+    """The lines of a reader. Raises StudyError where a line is none of a table."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise StudyError(str(path), f"it is no table: {error}", "Save the sheet as CSV, UTF-8") from None
+
+
 def read(path: Path, required: Sequence[str]) -> list[Line]:
     """Returns the lines of a sheet; column names are stripped and in lower case.
 
@@ -44,7 +55,7 @@ def read(path: Path, required: Sequence[str]) -> list[Line]:
             or there are no lines.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_regular(path, MOST).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
         raise StudyError(str(path), f"it can't be read: {why}", "Save the sheet as CSV, UTF-8") from None
@@ -58,7 +69,7 @@ def read(path: Path, required: Sequence[str]) -> list[Line]:
     if twice := {name for name in columns if name and columns.count(name) > 1}:
         raise StudyError(f"{path}: line 1", f"column {min(twice)} is there twice", "Rename or remove one")
     lines = []
-    for cells in reader:
+    for cells in cells_of(reader, path):
         place = f"{path}: line {reader.line_num}"
         if not any(cell.strip() for cell in cells):
             continue

@@ -6,6 +6,7 @@ URDF is described at https://wiki.ros.org/urdf/XML. No xacro: a file that has it
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
@@ -112,12 +113,12 @@ def tree(content: bytes, file: Path) -> UrdfTree:
     if _is_xacro(root):
         raise OptionError(f"{file} is xacro, not yet a URDF", _EXPAND)
     links = {_name(e, file): e for e in root.findall("link")}
-    for kind in ("link", "joint"):
-        told = [_name(e, file) for e in root.findall(kind)]
-        if twice := next((name for i, name in enumerate(told) if name in told[:i]), None):
-            raise OptionError(f"{file}: two {kind}s are called '{twice}'", "Give each a name of its own in the URDF")
     if not 0 < len(links) <= MOST:
         raise OptionError(f"{file} has {len(links)} links; 1 to {MOST} are read", _EXPAND)
+    for kind in ("link", "joint"):
+        names = Counter(_name(e, file) for e in root.findall(kind))
+        if twice := next((name for name, count in names.items() if count > 1), None):
+            raise OptionError(f"{file}: two {kind}s are called '{twice}'", "Give each a name of its own in the URDF")
     joints = _followed([_joint(e, file) for e in root.findall("joint")], file)
     return UrdfTree(links, joints, _tree(joints, links, file), file, root.get("name") or file.stem)
 

@@ -28,6 +28,8 @@ TURN: Final = 2 * np.pi + 1e-3  # rad; a joint's range may be a turn both ways
 FAST: Final = {False: 50.0, True: 20.0}  # rad/s, m/s
 LIMITS: Final = ("lower", "upper", "velocity", "effort")
 
+MOST = 64  # moving joints of which the last is looked for
+
 
 @dataclass(frozen=True)
 class UrdfArm:
@@ -124,7 +126,12 @@ def _chain(tree: UrdfTree, base: str | None, tip: str | None) -> tuple[list[Urdf
     base = base or next(link for link in tree.links if link not in tree.before)
     if tip is None:
         moving = [j for j in tree.joints if j.moves and j.mimic is None and base in _links(tree, j.child)]
-        ends = [j for j in moving if not any(j in tree.way(other.parent) for other in moving)]
+        inner = {each.name for other in moving for each in tree.way(other.parent)} if len(moving) <= MOST else set()
+        ends = [j for j in moving if j.name not in inner]
+        if len(moving) > MOST:
+            raise OptionError(
+                f"{file} has {len(moving)} joints behind {base}", "Say by 'tip' which link is the arm's end"
+            )
         if len(ends) != 1:
             tips = ", ".join(j.child for j in ends[:6])
             raise OptionError(f"{file} has {len(ends)} chains of joints behind {base}, which end at: {tips or 'none'}",

@@ -6,6 +6,7 @@ OFFSET and may change from frame to frame, end sites have no channels. The frame
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,11 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.files import read_regular
 from runtime.contracts.rotation import EulerQuaternions, Order, about_axis, euler_angles, matrices, product
 from runtime.contracts.signals import Array
 from runtime.control.skeleton.tree import Node, Tree
 
 _AXES: Final = {"X": 0, "Y": 1, "Z": 2}
+MOST: Final = 1 << 28  # bytes that are read
+DEEPEST: Final = 200  # joints within each other
 _END: Final = "_End"  # of an end site's name, which is its parent's otherwise
 
 
@@ -158,7 +162,7 @@ def parse_tree(text: str, place: str, unit: float = 0.01) -> Tree:
 
 def _lines(path: Path) -> list[str]:
     try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
+        return read_regular(path, MOST).decode("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(str(path), f"it can't be read as text ({error})", "Give a BVH text file") from error
 
@@ -221,35 +225,46 @@ class _Parser:
         self.hierarchy()
         self._expect("MOTION")
         count = self._count(self._expect("Frames:"))
+        said = self._at
         frame_time = self._floats(self._expect("Frame", "Time:")[2:], 1)[0]
         if not 0 < frame_time < 10:
             self._fail(f"a frame time of {frame_time:g} s", "It must be positive, in seconds")
+        rows = [i for i, line in enumerate(self._lines[self._at :], self._at + 1) if line.strip()]
+        left = len(rows)
+        if left != count:
+            self._at = rows[count] if left > count else said  # the first that is too many, or where they are said
+            self._fail(
+                f"{count} frames are said, and {left} lines follow", "Correct 'Frames:', or cut what is no frame"
+            )
         frames: NDArray[np.float64] = np.empty((count, self._columns))
         for row in range(count):
             frames[row] = self._floats(self._next(f"frame {row + 1} of {count}"), self._columns)
         return Bvh(self._joints, frames, frame_time)
 
-    def _joint(self, name: str, parent: int, end: bool = False) -> None:
+    def _joint(self, name: str, parent: int, end: bool = False, depth: int = 0) -> None:
         """Reads the block in braces of a joint or end site, with all its descendants."""
+        if depth > DEEPEST:
+            self._fail(f"joints within {DEEPEST} others", "No skeleton is so deep: correct the braces")
         self._expect("{")
         offset = np.array(self._floats(self._expect("OFFSET")[1:], 3))
         joint, index = Joint(name, parent, offset, end=end), len(self._joints)
         self._joints.append(joint)
         while (words := self._next("'}'"))[0] != "}":
-            if words[0] == "CHANNELS":
+            kind = words[0].upper()
+            if kind == "CHANNELS":
                 self._channels(joint, words[1:])
-            elif words[0] == "JOINT":
-                self._joint(" ".join(words[1:]), index)
-            elif words[0] == "End":
-                self._joint(name + _END, index, end=True)
+            elif kind == "JOINT":
+                self._joint(" ".join(words[1:]), index, depth=depth + 1)
+            elif kind == "END":
+                self._joint(name + _END, index, end=True, depth=depth + 1)
             else:
                 self._fail(f"'{words[0]}'", "Expected CHANNELS, JOINT, End Site or '}'")
 
     def _channels(self, joint: Joint, words: list[str]) -> None:
-        if not words or not words[0].isdigit() or int(words[0]) != len(words) - 1:
+        if not words or words[0] != str(len(words) - 1):
             self._fail(f"CHANNELS {' '.join(words)}", "Expected their number, then as many names")
         for word in words[1:]:
-            axis, kind = _AXES.get(word[:1]), word[1:]
+            axis, kind = _AXES.get(word[:1].upper()), word[1:].lower()
             if axis is None or kind not in ("position", "rotation"):
                 self._fail(f"the channel '{word}'", "Expected Xposition ... Zrotation")
             (joint.positions if kind == "position" else joint.rotations).append((axis, self._columns))
@@ -259,17 +274,23 @@ class _Parser:
         while self._at < len(self._lines):
             self._at += 1
             if words := self._lines[self._at - 1].split():
+                if len(words) > 1 and words[-1] == "{":  # on the line of its joint, as some programs write it
+                    self._lines[self._at - 1] = "{"
+                    self._at -= 1
+                    return words[:-1]
                 return words
         self._fail("the file ends", f"Expected {expected}; it may have been cut short")
 
     def _expect(self, *start: str) -> list[str]:
         words = self._next(f"'{' '.join(start)}'")
-        if tuple(words[: len(start)]) != start:
+        if start[-1].endswith(":"):  # the number may follow without a space
+            words = " ".join(words).replace(":", ": ", 1).split()
+        if tuple(word.upper() for word in words[: len(start)]) != tuple(map(str.upper, start)):
             self._fail(f"'{' '.join(words)[:60]}'", f"Expected '{' '.join(start)}'")
         return words
 
     def _count(self, words: list[str]) -> int:
-        if len(words) != 2 or not words[1].isdigit() or int(words[1]) < 2:
+        if len(words) != 2 or not re.fullmatch("[0-9]{1,9}", words[1]) or int(words[1]) < 2:
             self._fail(f"'{' '.join(words)}'", "Expected 'Frames:' and a number, 2 at least")
         return int(words[1])
 
@@ -277,6 +298,9 @@ class _Parser:
         try:
             values = [float(word) for word in words]
         except ValueError:
+            comma = next((word for word in words if re.fullmatch(r"-?\d+,\d+", word)), "")
+            if comma:
+                self._fail(f"'{comma}' has a decimal comma", "Write numbers with a point")
             self._fail("a word that is no number", f"Expected {count} number(s)")
         if len(values) != count:
             self._fail(f"{len(values)} number(s)", f"Expected {count}")

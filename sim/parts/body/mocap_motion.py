@@ -16,6 +16,7 @@ from runtime.contracts.signals import Array
 from runtime.contracts.terms import POINT
 from sim.wearer.checks import check_samples
 from sim.wearer.motion import Curve
+from sim.wearer.tables import read_rows, time_column
 
 _RATIOS: Final = np.array([1.0, 0.7, 1.3, 0.6, 0.9, 1.1])  # of the six frequencies, so the path doesn't repeat soon
 _POSITION: Final = ("x", "y", "z")
@@ -114,11 +115,8 @@ def read(path: Path, rate: float) -> tuple[Array, Array]:
         RecordingError: with the file, what was expected there, and the remedy.
     """
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            names = [name.strip() for name in file.readline().split(",")]
-            values = np.loadtxt(file, delimiter=",", ndmin=2)
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(str(path), f"it can't be read as text ({error})", "Give a CSV file") from None
+        names, rows, _ = read_rows(path)
+        values = np.array([[float(cell) for cell in row] for row in rows]).reshape(len(rows), len(names))
     except ValueError as error:
         raise RecordingError(str(path), f"it isn't a table of numbers: {error}", "Give a CSV file") from None
     wanted = next((q for q in _ORIENTATIONS if set(q) <= set(names)), None)
@@ -129,7 +127,8 @@ def read(path: Path, rate: float) -> tuple[Array, Array]:
             "Expected x, y, z and qw, qx, qy, qz (or q0 to q3, the scalar last), and maybe time",
         )
     columns = [names.index(name) for name in (*_POSITION, *wanted)]
-    time = values[:, names.index("time")] if "time" in names else np.arange(len(values)) / rate
+    own = time_column(str(path), names)
+    time = np.arange(len(values)) / rate if own is None else values[:, own[0]] * own[1]
     poses = np.ascontiguousarray(values[:, columns])
     check_samples(path, time, poses, [names[c] for c in columns], first_line=2)
     lengths = np.linalg.norm(poses[:, 3:], axis=1)
