@@ -1,4 +1,4 @@
-# make setup | demo | test | slow | exhaustive | lint | docs | bench | bench-quick | soak
+# make setup | demo | test | slow | exhaustive | lint | docs | bench | bench-quick | soak | mutants
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,8 @@ OUT := out
 # Where it is set, each of the tests' thousand processes would compile the whole project anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial exhaustive lint docs bench bench-quick soak clean
+.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial exhaustive lint docs bench bench-quick soak mutants clean
+MUTANTS := approach braking position velocity torque sent samples following verified base loop units
 
 setup: $(VENV)/.ready
 
@@ -50,6 +51,10 @@ slow-parallel: setup
 
 slow-serial: setup
 	$(PYTEST) -m "slow and serial and not exhaustive" $(SERIAL)
+
+# A sample of single changes of the guard, the loop and units of servos: which of them no test notices. Minutes a group.
+mutants: setup
+	for group in $(MUTANTS); do $(BIN)/python bench/mutants.py $$group --minutes 5 --sample 30; done
 
 # What CI doesn't run: the rest of the products of which it runs a sample, and new examples of what hypothesis tries.
 exhaustive: setup

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import zipfile
 from collections.abc import Sequence
 from io import BytesIO
@@ -56,4 +57,9 @@ def _array(file: zipfile.ZipFile, name: str) -> NDArray[Any]:
         raise ValueError(f"a shape of {shape} is not that of its {size - data.tell()} bytes")
     data.seek(0)
     made: NDArray[Any] = np.lib.format.read_array(data, allow_pickle=False)
-    return made if dtype.kind == "U" else made.astype(np.float64)
+    if dtype.kind == "U":
+        made = np.ascontiguousarray(made.astype(dtype.newbyteorder("=")))
+        if made.size and int(made.view(np.uint32).max()) > sys.maxunicode:
+            raise ValueError("it holds what is no text")
+        return made
+    return made.astype(np.float64)
