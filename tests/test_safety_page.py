@@ -39,7 +39,7 @@ def test_the_safety_pages_defaults_are_the_machines() -> None:
         (DOCS / "safety.md").read_text(),
         re.M,
     )
-    assert len(rows) == 7
+    assert len(rows) == 8
     for cause, reaction in rows:
         machine = Machine(profile.Faults(), (), automatic=True)
         machine.start_if_ready(None)

@@ -91,8 +91,11 @@ def test_the_first_samples_must_agree_before_any_counts() -> None:
     arm = Arm().led()
     arm.at(3.0, 0.2)
     arm.at(0.1, 0.2)
+    arm.at(0.1, 0.2, cycles=AGREE - 2)
     assert not arm.check.settled
-    arm.at(0.1, 0.2, cycles=AGREE - 1)
+    arm.at(0.1, 0.2, new=False, cycles=5)
+    assert not arm.check.settled, "the same sample agrees with itself"
+    arm.at(0.1, 0.2)
     assert arm.check.settled
     assert arm.place == [0.1, 0.2]
 
@@ -222,3 +225,33 @@ def test_the_range_is_that_of_the_unit_the_quantity_or_the_device(
     low, high = plausible(signal)
     assert ((low <= inside) & (inside <= high)).all()
     assert not ((low <= outside) & (outside <= high)).all()
+
+
+def test_each_state_has_its_own_range_and_only_what_is_commanded_its_steps() -> None:
+    """The position stands between two others."""
+    signals = (
+        Signal(name="temperature", shape=(1,), unit="degC"),
+        *SIGNALS,
+        Signal(name="force", shape=(1,), unit="N"),
+    )
+    arm = Arm(signals=signals).led()
+    arm.check.narrow("force", np.array([-20.0]), np.array([20.0]))
+    arm.at(0.1, 0.2, cycles=AGREE, temperature=20.0, velocity=0.0, force=0.0)
+    assert arm.at(0.1, 0.2, temperature=90.0, velocity=5.0)
+    for wrong, name in ({"temperature": 1e3}, "temperature"), ({"force": 21.0}, "force"), ({"force": 6.0}, "force"):
+        assert not arm.at(0.1, 0.2, **wrong)
+        assert arm.check.odd is not None
+        assert arm.check.odd.signal == name
+        assert arm.at(0.1, 0.2)
+    assert not arm.at(0.1, 0.6)
+    assert arm.check.odd is not None
+    assert (arm.check.odd.signal, arm.check.odd.element) == ("position", "two")
+    assert f"{0.6:g} rad after 0.2" in arm.check.last
+
+
+def test_a_joint_that_slides_has_a_margin_of_its_own_unit() -> None:
+    slide = Signal(name="position", shape=(2,), unit="m", labels=JOINTS)
+    arm = Arm(signals=(slide,)).led()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    assert not arm.at(0.1 + SLACK["m"] + SPEED * FAST * DT * 1e-9 + 1e-6, 0.2)
+    assert arm.at(0.1 + SLACK["m"], 0.2)
