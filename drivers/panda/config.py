@@ -101,6 +101,7 @@ class PandaConfig(DeviceConfig):
         return tuple(found)
 
 
+FURTHEST, FASTEST = 5.0, 15.0  # rad, rad/s: beyond any joint's end (4.6) and greatest speed (5.3), of Panda and FR3
 PERIOD = 0.02  # s: after 20 missing commands the robot itself ends the motion
 # The limiter bounds the jerk, which the guard needn't: it follows a change of acceleration within this, in the
 # command's unit. A limited torque parts from the guard's at once.
@@ -110,8 +111,8 @@ RESOLUTION = {Kind.TORQUE: 1e-6, Kind.VELOCITY: 0.05, Kind.POSITION: 0.01}
 def states(config: PandaConfig, name: str) -> tuple[Signal, ...]:
     """Returns the states of the arm called `name`, whose base's frame has its name; see the driver's docstring."""
     return (
-        Signal(name="position", shape=(7,), unit="rad", labels=JOINTS),
-        Signal(name="velocity", shape=(7,), unit="rad/s", labels=JOINTS),
+        Signal(name="position", shape=(7,), unit="rad", labels=JOINTS, plausible=(-FURTHEST, FURTHEST)),
+        Signal(name="velocity", shape=(7,), unit="rad/s", labels=JOINTS, plausible=(-FASTEST, FASTEST)),
         Signal(name="effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="desired_effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="external_effort", shape=(7,), unit="N m", labels=JOINTS),

@@ -12,14 +12,16 @@ from drivers.ur.status import RobotMode, RuntimeState, name_of, safety_words
 from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 from runtime.contracts.terms import POSE, WRENCH
 
+NEAR = 0.2  # rad, by which a joint may be measured beyond its end
+FASTEST = 15.0  # rad/s, of any joint of any model: 4 is the most that one is commanded to
 PERIOD = 0.02  # s, ten cycles of the controller: commands go every cycle, two may be unanswered
 
 
 def states(config: UrConfig, name: str) -> tuple[Signal, ...]:
     """Returns the states of the arm called `name`; the frame of the controller's `base` has its name."""
     found = [
-        Signal(name="position", shape=(6,), unit="rad", labels=JOINTS),
-        Signal(name="velocity", shape=(6,), unit="rad/s", labels=JOINTS),
+        Signal(name="position", shape=(6,), unit="rad", labels=JOINTS, plausible=(-REACH - NEAR, REACH + NEAR)),
+        Signal(name="velocity", shape=(6,), unit="rad/s", labels=JOINTS, plausible=(-FASTEST, FASTEST)),
         Signal(name="effort", shape=(6,), unit="N m", labels=JOINTS),
         Signal(name="wrench", shape=(6,), unit="N, N m", frame=name, labels=WRENCH),
         Signal(name="pose", shape=(7,), unit="m", frame=name, labels=POSE),

@@ -25,6 +25,7 @@ from runtime.bus.status import Reporter
 from runtime.contracts.errors import SrlError
 from runtime.contracts.field import Field
 from runtime.ipc.child import Ending
+from runtime.ipc.descriptors import raise_limit
 from runtime.ipc.events import EventReader
 from runtime.ipc.layout import Layout
 from runtime.ipc.requests import RequestWriter
@@ -280,6 +281,7 @@ def main(arguments: list[str], ending: Ending) -> int:
     if len(arguments) != 1:
         print("usage: python -m runtime.bus RUNDIR", file=sys.stderr)
         return 2
+    raise_limit()  # clients that only connect take one each
     try:
         Bus(RunFolder(Path(arguments[0]))).run(ending)
     except (SrlError, OSError) as error:

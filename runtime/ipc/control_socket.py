@@ -48,7 +48,11 @@ def send_request(
     if what not in STOPS:
         message["expires"] = (time.monotonic_ns() if since is None else since) + LIFETIME
     deadline = time.monotonic() + timeout
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+    try:
+        sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+    except OSError:  # no descriptor is left
+        return None
+    with sender:
         sender.settimeout(timeout)
         try:
             # Connected before it has an address: the kernel then refuses answers from anybody but the loop. Any

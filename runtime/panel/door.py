@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import os
 import pwd
-import resource
 import socket
 import struct
 import time
@@ -19,6 +18,8 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
+
+from runtime.ipc.descriptors import raise_limit
 
 SHARE: Final = 32  # connections of one user: a browser has 6 and a websocket for each tab
 USERS: Final = 3  # that have a share of their own
@@ -58,19 +59,12 @@ class Door:
             served: makes the protocol of an accepted connection.
             say: takes the text of an event.
         """
-        _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-        soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-        room = SHARE if soft == resource.RLIM_INFINITY else (soft - RESERVED) // (USERS + 1)
-        self._share = max(2, min(SHARE, room))
+        self._share = max(2, min(SHARE, (raise_limit() - RESERVED) // (USERS + 1)))
         self._listener, self._served, self._say = listener, served, say
         self._known = {os.geteuid()}
         self._connections: dict[tuple[str, int], _Connection] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._pushed: Counter[int] = (
-            Counter()
-        )  # by user, connections that were ended or turned away since the last event
+        self._pushed: Counter[int] = Counter()  # by user, those that were ended or turned away since the last event
         self._due = self._told = 0.0
         self._users = _Users(listener.getsockname())
         listener.setblocking(False)
