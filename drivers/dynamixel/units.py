@@ -157,8 +157,9 @@ class Units(ABC):
 
         If a command isn't finite, that motor keeps its last goal.
         """
-        wanted = (command - self._zero) / self.unit
-        finite = np.isfinite(wanted)
+        finite = np.isfinite(command)
+        with np.errstate(over="ignore"):  # the bounds are then the goal
+            wanted = (command - self._zero) / self.unit
         np.rint(wanted, out=wanted)
         np.maximum(wanted, self.low, out=wanted)
         np.minimum(wanted, self.high, out=wanted)

@@ -60,7 +60,7 @@ def on_the_wire(made: Family, packet: bytes) -> list[int]:
 
 
 @ALL
-@pytest.mark.parametrize("much", [20.0, 1e4, 1e12, 1e300])
+@pytest.mark.parametrize("much", [20.0, 1e4, 1e12, 1e300, 1.7e308])
 @pytest.mark.parametrize("way", [1, -1])
 def test_a_command_beyond_them_is_the_bound_itself(protocol: int, mode: str, much: float, way: int) -> None:
     made = servos(protocol, mode)
