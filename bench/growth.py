@@ -77,7 +77,7 @@ def text(limbs: int, servos: int, ports: Sequence[str] = ()) -> str:
         "setpoints": {},
         "controllers": [
             {
-                "use": "posture-cycle", "name": f"{name}-motion", "postures": postures, "near": 9.0, "rest": 0.5,
+                "use": "posture-cycle", "name": f"{name}-motion", "postures": postures, "near": 6.0, "rest": 0.5,
                 "in": {"position": f"{name}.position"},
                 "out": {"q": f"{name}.position_command", "q_velocity": f"{name}.position_command.velocity"},
             }

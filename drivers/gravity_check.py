@@ -31,7 +31,7 @@ class GravityCheck:
 
         A force beyond all reason isn't averaged: one would take minutes to be forgotten.
         """
-        if not max(map(abs, force)) < MOST:
+        if not sum(map(abs, force)) < MOST:  # nor NaN
             return True
         up = turned(orientation, force)
         self._count += 1

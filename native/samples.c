@@ -6,7 +6,7 @@
 /* -- each sample of a device: within what can be, and where a joint can have moved to */
 
 enum { LOW, HIGH, SLACK, SPEED, WIDE };
-enum { LAST, BEFORE, EARLIER, KEPT };
+enum { LAST, BEFORE, EARLIER, TAKEN, KEPT };
 
 static int sample_step(double *const *a, int n, double dt, int flag) {
     const double *values = a[0], *limits = a[1];
@@ -21,6 +21,7 @@ static int sample_step(double *const *a, int n, double dt, int flag) {
         double x = values[i], *s = state + KEPT * i;
         if (flag || !(x == s[BEFORE])) s[EARLIER] = s[BEFORE], s[BEFORE] = x;
         if (isfinite(x)) s[LAST] = x;
+        s[TAKEN] = x;
     }
     return DONE;
 }
@@ -54,6 +55,8 @@ static int velocity_step(double *const *a, int n, double dt, int flag) {
     const double *measured = a[0], *applied = a[1], *window = a[2];
     double *behind = a[4], *before = a[5], keep = 1.0 - least_of(1.0, dt / a[3][0]), way[MOST_JOINTS];
     int far = 0;
+    for (int i = 0; i < n; i++)
+        if (!isfinite(measured[i]) || !isfinite(applied[i])) return RARE;
     for (int i = 0; i < n; i++) way[i] = measured[i] - before[i], before[i] = measured[i];
     if (flag && n == 3) {
         double c = cos(measured[2]), s = sin(measured[2]), x = way[0], y = way[1];

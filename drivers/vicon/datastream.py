@@ -203,7 +203,7 @@ class DataStream:
 
     def _metres(self, millimetres: tuple[float, ...]) -> Point | None:
         x, y, z = millimetres[0] * 1e-3, millimetres[1] * 1e-3, millimetres[2] * 1e-3
-        if not max(abs(x), abs(y), abs(z)) < FARTHEST:  # nor NaN
+        if not abs(x) + abs(y) + abs(z) < 3 * FARTHEST:  # nor NaN
             return None
         return (x, -z, y) if self._y_up else (x, y, z)
 

@@ -10,8 +10,6 @@ from collections.abc import Iterable
 from math import isfinite
 from typing import Final, NamedTuple
 
-from drivers.capture.reach import FARTHEST
-
 PORT: Final = 9763
 HEADER: Final = struct.Struct(">6sIBBIBBBBHH")  # 24 bytes
 _MAGIC: Final = b"MXTP"
@@ -21,6 +19,7 @@ _JOINT: Final = struct.Struct(">ii3f")
 _POINT: Final = struct.Struct(">3f")
 LAST: Final = 0x80  # of the datagram counter: the sample's last
 _KNOWN: Final = frozenset((1, 2, 3, 5, 12, 13, 20, 21, 22, 23, 24, 25))
+FARTHEST: Final = 1e4  # m: who wears the suit may walk far
 _UNIT: Final = 1e-2  # by which a quaternion's length may differ from 1
 _MOST: Final = 67  # segments, with props and both hands
 _LONGEST: Final = 36  # bytes of a centre of mass with velocity and acceleration
@@ -106,7 +105,7 @@ def poses(items: int, payload: bytes) -> list[Pose]:
             raise MalformedError(f"segment {segment}")
         size = qw * qw + qx * qx + qy * qy + qz * qz
         # Of a prop, or of fingers without gloves, there may be none: that spoils no other segment.
-        if not max(abs(x), abs(y), abs(z)) < FARTHEST or not abs(size**0.5 - 1.0) <= _UNIT:
+        if not abs(x) + abs(y) + abs(z) < FARTHEST or not abs(size**0.5 - 1.0) <= _UNIT:
             continue
         if segment <= len(SEGMENTS):
             found.append(Pose(segment, (x, y, z), (qw, qx, qy, qz)))

@@ -172,7 +172,7 @@ class Zenoh(Sensor):
                 raise DeviceLostError(
                     self.name,
                     (
-                        f"samples come on '{source.entry.key}', but their stamp stands still"
+                        f"nothing new came on '{source.entry.key}': its samples' stamp stands still or went back"
                         if source.repeated > source.arrived
                         else f"nothing new came on '{source.entry.key}' for {self._config.silence:g} s"
                     )

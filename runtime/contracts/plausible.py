@@ -16,7 +16,7 @@ from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, QUATERNION, TWIS
 
 # By the labels of a row, or the components of each: each element's bound, in its own unit.
 _BY_NAMES: Final[dict[tuple[str, ...], tuple[float, ...]]] = {
-    POSE: (100.0,) * 3 + (1.01,) * 4,
+    POSE: (1e4,) * 3 + (1.01,) * 4,
     QUATERNION: (1.01,) * 4,
     TWIST: (20.0,) * 3 + (200.0,) * 3,
     WRENCH: (1e4,) * 3 + (1e3,) * 3,
@@ -24,7 +24,7 @@ _BY_NAMES: Final[dict[tuple[str, ...], tuple[float, ...]]] = {
     PLANAR_TWIST: (10.0, 10.0, 20.0),
 }
 _BY_UNIT: Final[dict[str, tuple[float, float]]] = {
-    "m": (-100.0, 100.0),  # a room; 100 m is as far as any motion capture looks
+    "m": (-1e4, 1e4),  # who wears an inertial suit may walk far
     "rad": (-1e4, 1e4),  # 1600 turns of a joint that counts them
     "m/s": (-20.0, 20.0),
     "rad/s": (-1e3, 1e3),

@@ -11,7 +11,7 @@ import numpy as np
 
 from runtime.contracts.clearance import Clearance
 from runtime.contracts.errors import DeviceError, WiringError
-from runtime.contracts.signals import Array, Command, Limits, Stop
+from runtime.contracts.signals import Array, Command, Kind, Limits, Stop
 from runtime.guard.sent import SentTracker
 from runtime.guard.verified import VerifiedStop
 
@@ -150,7 +150,7 @@ class CommandGuard(ABC):
         self._gravity: Array | None = None
         self._position: Array | None = None
         self._velocity: Array | None = None
-        self._ready = self._led = False
+        self._ready = self._led = self._stopping = False
         self.blind = False
         self.verified: VerifiedStop | None = None
         self.fast: Fast | None = None
@@ -243,7 +243,7 @@ class CommandGuard(ABC):
             DeviceError: the position or velocity is not finite.
         """
         start = self._start(position, velocity)
-        self._led = led
+        self._led, self._stopping = led, False
         if self.fast is not None:
             self.fast.forget()
         self._restart(*start)
@@ -265,7 +265,13 @@ class CommandGuard(ABC):
             return
         if self.fast is not None and self.fast.taken(left, dt):
             return
-        parted = self._tracker.compare(self._sent.ravel().tolist(), self.applied.ravel().tolist(), left, dt)
+        applied = self.applied.ravel().tolist()
+        parted = self._tracker.compare(self._sent.ravel().tolist(), applied, left, dt)
+        if parted and self._stopping and self.command.kind is not Kind.POSITION:
+            # A stop goes on, whatever leaves: it may begin anew nearer to zero, never further from it.
+            seats = self._tracker.seats
+            velocity = self.command.kind is Kind.VELOCITY
+            parted = [i for i in parted if velocity and abs(seats[i]) < abs(applied[i])]
         if parted:
             if self.fast is not None:
                 self.fast.leave()
@@ -297,6 +303,7 @@ class CommandGuard(ABC):
             dt: actual time since the last cycle, s.
         """
         self._begin()
+        self._stopping = False
         dt = self._span(dt)
         if self.fast is not None:
             if not self.blind and (done := self.fast.step(desired, desired_velocity, dt)) >= 0:
@@ -319,6 +326,7 @@ class CommandGuard(ABC):
     def stop(self, category: Stop, dt: float) -> None:
         """Runs one cycle of a stop. `at_rest` is True once the stop is complete. dt: s since the last cycle."""
         self._begin()
+        self._stopping = True
         if self.fast is not None:
             self.fast.leave()
         self._halt(category if self._sensed() else Stop.HOLD, self._span(dt))

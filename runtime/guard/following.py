@@ -17,7 +17,17 @@ from runtime.contracts.terms import PLANAR_TWIST
 WINDOW: Final = {"rad": 0.25, "m": 0.03, "1": 0.25}  # of a position, by its unit
 PLANAR_WINDOW: Final = (0.25, 0.25, 0.5)  # m, m, rad
 TIMEOUT: Final = 0.5  # s
-MEMORY: Final = 2.0  # s in which a velocity's following error is forgotten: scale and odometry drift
+MEMORY: Final = 10.0  # s in which the following error of a velocity is forgotten
+SLIPS: Final = 2.0  # s, of a base, whose wheels slip
+
+
+def usual_window(command: Command) -> Array:
+    """(size,): how far a joint that follows may be from its command, by the unit of its position."""
+    usual = WINDOW.get(command.unit.removesuffix("/s"), WINDOW["rad"])
+    if command.unit in ("N", "m", "m/s"):
+        usual = WINDOW["m"]
+    slides = command.slides or ()
+    return np.array([WINDOW["m"] if name in slides else usual for name in command.names] or [usual] * command.size)
 
 
 class FollowingError:
@@ -49,14 +59,14 @@ class FollowingError:
         self._measured, self._applied, self._size = measured, applied, command.size
         self._position = command.kind is Kind.POSITION
         self._planar = command.labels == PLANAR_TWIST
-        usual = PLANAR_WINDOW if self._planar else WINDOW.get(command.unit.removesuffix("/s"), WINDOW["rad"])
+        usual = PLANAR_WINDOW if self._planar else usual_window(command)
         given = command.window if window is None else window
         self.window: Array = np.array(np.broadcast_to(usual if given is None else given, self._size), np.float64)
         if not self._position and window is None:  # on its way to the new velocity the limb is late
             self.window += command.lag * np.where(np.isfinite(speed), speed, 0.0)
         self.timeout = timeout
         self._state, self._before = np.zeros(self._size), np.zeros(self._size)
-        self._span = np.array([max(command.lag, 1e-3) if self._position else MEMORY])
+        self._span = np.array([max(command.lag, 1e-3) if self._position else SLIPS if self._planar else MEMORY])
         self._for = 0.0
         self.exceeded = False
         if self._position:
@@ -69,7 +79,7 @@ class FollowingError:
     def restart(self) -> None:
         """The limb begins to be commanded, from where it is."""
         self._state[:] = self._applied.ravel() if self._position else 0.0
-        self._before[:] = self._measured.ravel()
+        self._before[:] = np.nan_to_num(self._measured.ravel(), posinf=0.0, neginf=0.0)
         self._for, self.exceeded = 0.0, False
 
     def step(self, dt: float) -> bool:
@@ -99,6 +109,8 @@ class FollowingError:
         if self._position:
             self._state += (a - self._state) * share
             return not self.fits()
+        if not (np.isfinite(q).all() and np.isfinite(a).all()):
+            return True  # nothing shows that it follows; what is known of its way stays
         way = q - self._before
         self._before[:] = q
         if self._planar:

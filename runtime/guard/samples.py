@@ -7,7 +7,7 @@ becomes a command, nor a law's state: the sample before stays, and grows old.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,11 +19,12 @@ from runtime.contracts.signals import Array, Signal
 # What a step of two samples may be beside the motion: noise, backlash, a sample that came late.
 SLACK: Final = {"rad": 0.02, "m": 0.005, "m, rad": 0.05, "1": 0.02}
 LONGEST: Final = 0.5  # s: after a longer pause no more motion is believed than in this time
+HAND: Final = 15.0  # rad/s or m/s, as fast as a hand or a load moves a joint: smooth motion up to this is believed
 SPEED: Final = 2.0  # of a joint's greatest commanded speed: a hand or a load may move it faster
 JUMP: Final = 8.0  # of a force sensor's range, the largest step that one sample is believed
 AGREE: Final = 3  # samples that must agree: the first ones, and those after a jump
 _WIDE: Final = 4  # low, high, slack, speed
-_LAST, _BEFORE, _EARLIER = range(3)  # the newest value taken; the newest two that came
+_LAST, _BEFORE, _EARLIER, _TAKEN = range(4)  # the newest finite one taken, the newest two that came, the newest taken
 
 
 class Odd(NamedTuple):
@@ -62,13 +63,14 @@ class SampleCheck:
             low, high = plausible(s)
             self._limits[at : at + s.size] = np.stack([low, high, np.zeros(s.size), np.full(s.size, np.inf)], axis=1)
             at += s.size
-        self._state = np.full((size, 3), np.nan)
+        self._state = np.full((size, 4), np.nan)
         self._moves: list[int] = []  # elements whose steps are judged
         self._joints = np.zeros(size, bool)  # of those, the commanded ones
         self.odd: Odd | None = None
         self.last = ""
         self.jumped, self.refused, self._agreed = False, 0, 0
         self._stamp = self._seen = self._now = -1  # of the newest one taken, of the newest one that came
+        self._newest = -1  # ns, the cycle in which the newest one came that was taken
         self._bind()
 
     def _bind(self) -> None:
@@ -79,18 +81,20 @@ class SampleCheck:
             self._steps.append((step, piece, rows))
             at += piece.size
 
-    def expect(self, name: str, speed: Array) -> None:
+    def expect(self, name: str, speed: Array, slides: Collection[str] = ()) -> None:
         """From now on the steps of this signal are judged, too.
 
         Args:
             name: of a state that measures a commanded position.
             speed: (size,), the greatest that the joints are commanded to; inf: no step of it is judged.
+            slides: joints among its labels that slide, and are in m.
         """
         at = 0
         for s in self._signals:
             if s.name == name:
                 rows = slice(at, at + s.size)
-                self._limits[rows, 2] = SLACK.get(s.unit, SLACK["rad"])
+                usual = SLACK.get(s.unit, SLACK["rad"])
+                self._limits[rows, 2] = [SLACK["m"] if n in slides else usual for n in s.names] or usual
                 self._limits[rows, 3] = SPEED * np.ravel(speed)
                 judged = np.isfinite(self._limits[rows, 3])
                 self._joints[rows] |= judged
@@ -122,7 +126,7 @@ class SampleCheck:
     def forget(self) -> None:
         """The device was lost: what it measured says nothing of where it is after its return."""
         self._state[:] = np.nan
-        self._stamp = self._seen = self._now = -1
+        self._stamp = self._seen = self._now = self._newest = -1
         self._agreed, self.odd, self.jumped = 0, None, False
 
     def take(self, stamp: int, now: int) -> bool:
@@ -138,7 +142,10 @@ class SampleCheck:
         if self.odd is not None and not new:
             self._restore()
             return False
-        past = 0 if self._now < 0 else max(now - self._now, stamp - self._stamp)
+        past = 0
+        if self._now >= 0:
+            past = now - self._newest  # a stamp that is ahead lets a joint move for one cycle more, at most
+            past = max(past, min(stamp - self._stamp, past + now - self._now))
         dt = min(past * 1e-9, LONGEST)
         self.odd, self.jumped = None, False
         for step, piece, rows in self._steps:
@@ -148,8 +155,9 @@ class SampleCheck:
             self.refused += 1
             self._restore()
             return False
-        if new and self._agreed < AGREE:
-            self._agreed += 1
+        if new:
+            self._agreed = min(self._agreed + 1, AGREE)
+            self._newest = now
         self._stamp, self._now = stamp, now
         return True
 
@@ -163,7 +171,11 @@ class SampleCheck:
             reach = slack + speed * dt
             far = known & (np.abs(values - state[:, _LAST]) > reach)
             bent = np.abs(values - 2 * state[:, _BEFORE] + state[:, _EARLIER])
-            smooth = (bent <= reach) | (self._agreed < AGREE)  # the first ones: what is to agree begins anew
+            near = np.abs(values - state[:, _BEFORE]) <= reach
+            moving = (state[:, _BEFORE] == state[:, _LAST]) & (np.abs(values - state[:, _LAST]) <= reach + HAND * dt)
+            # Smooth motion goes on from the sample before; a jump is taken once three agree on its place. Of the first
+            # samples nothing is refused: what is to agree begins anew.
+            smooth = ((bent <= reach) & (moving | near)) | (self._agreed < AGREE)
         moved = far & ~smooth
         if far.any() and self._agreed < AGREE:
             self._agreed = 0
@@ -177,6 +189,7 @@ class SampleCheck:
         state[changed, _BEFORE] = values[changed]
         if self.odd is None:
             state[known, _LAST] = values[known]
+            state[:, _TAKEN] = values
         return self.odd is None
 
     def _name(self, at: int, values: Array, i: int, limits: Array, state: Array, outside: bool, dt: float) -> None:
@@ -200,9 +213,7 @@ class SampleCheck:
 
     def _restore(self) -> None:
         for _, piece, rows in self._steps:
-            last = self._state[rows, _LAST]
-            flat = piece.reshape(-1)
-            np.copyto(flat, last, where=~np.isnan(last))
+            piece.reshape(-1)[:] = self._state[rows, _TAKEN]
 
 
 def _contiguous(arrays: Sequence[Array]) -> list[Array]:

@@ -156,9 +156,14 @@ class Cycle:
                 # A client that no longer sends must not prevent a restart of the limb without it. Overruns do, as long
                 # as they count: they would stop it again in the next cycle.
                 present = None if self._faults.of_client(self._fault) else self._fault
-                if request.kind in _STARTS and machine.state in (State.READY, State.STOPPED):
-                    present = present or overrun or self._feedback.unfit()
-                answer = machine.request(request.kind, request.origin, request.target, present or overrun)
+                present, unfit = present or overrun, None
+                if request.kind in _STARTS and machine.state in (State.READY, State.STOPPED) and present is None:
+                    present = unfit = self._feedback.unfit()
+                answer = machine.request(request.kind, request.origin, request.target, present)
+                if unfit is not None and answer is Answer.REFUSED_FAULT:
+                    # A person has been told. Now the device isn't commanded any more: the next start, if it is given
+                    # all the same, begins where the limb is measured.
+                    self._links[unfit.culprit] &= ~LINK_ACTIVE
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
         if machine.state is State.READY and machine.automatic:
@@ -200,6 +205,9 @@ class Cycle:
         for index, array in self.graph.reads:
             self.graph.row.floats.take(index, 0, array, "clip")
         self._departures.tell(self._ints.item(_DT) * 1e-9)
+        if (device := self._departures.stalled()) >= 0 and self.machine.state is State.ACTIVE:
+            self.report(f"'{self.graph.devices[device].name}' has taken no commands as they are for too long")
+            self.machine.stop(Fault(Cause.DEVICE_FAULT, device))
         state, self._ran = self.machine.state, False
         if state in (State.STOPPING, State.STOPPED):
             self._weigh()

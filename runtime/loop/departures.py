@@ -12,6 +12,7 @@ from runtime.guard import CommandGuard
 from runtime.ipc.words import DEVICE, LINK_ACTIVE
 from runtime.profile.graph import Graph
 
+LONGEST = 2.0  # s of the same, after which it is the device's fault
 STALL = 0.25  # s of beginning anew at what was sent, after which it is reported
 
 
@@ -33,6 +34,7 @@ class Departures:
         self._alone = [len(graph.actuators_of(a.device)) == 1 for a in graph.actuators]
         self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
         self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
+        self._lacks = [0.0 for a in graph.actuators]  # the same, and a cycle in which it hasn't makes up for a quarter
 
     def tell(self, dt: float) -> None:
         """Tells each active device's guard whether its command of the cycle before left. `dt`: since then, s."""
@@ -47,8 +49,16 @@ class Departures:
                 self._tell_stall(i, guard.reseated, dt)
         self._counts = counts
 
+    def stalled(self) -> int:
+        """The device, by index, that has taken no commands, or limited or misreported them, for too long; -1: none."""
+        for i, actuator in enumerate(self._actuators):
+            if self._lacks[i] > LONGEST and self._links.item(actuator.device) & LINK_ACTIVE:
+                return actuator.device
+        return -1
+
     def _tell_stall(self, i: int, reseated: bool, dt: float) -> None:
         """Reports a device that has taken no commands, or limited them all, for a while; and its end."""
+        self._lacks[i] = self._lacks[i] + dt if reseated else max(self._lacks[i] - dt / 4, 0.0)
         before = self._stalls[i]
         self._stalls[i] = before + dt if reseated else 0.0
         name = self._actuators[i].name

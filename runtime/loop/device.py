@@ -77,6 +77,7 @@ class Device:
         self._next_try = 0
         self._samples = SampleCheck(driver.states, driver.state_arrays)
         self._stamp = -1  # of the newest sample that was taken
+        self._left = -1  # of the sample that it left behind when it was lost
         self._jump = ""  # a fault: where it is measured isn't where it can have moved to
         self._said = -SAID  # ns, when it was last reported that a sample isn't taken
         self._fault = ""  # the newest reported fault
@@ -106,7 +107,8 @@ class Device:
         for actuator in self.actuators:
             feedback, most = signals.get(actuator.command.feedback or ""), limits[actuator.name].velocity
             if feedback is not None and most is not None:
-                self._samples.expect(feedback.name, speed_of(feedback, actuator.command, most))
+                slides = actuator.command.slides or ()
+                self._samples.expect(feedback.name, speed_of(feedback, actuator.command, most), slides)
 
     def read(self, now: int) -> None:
         """Reads the driver, judges what it has read, and copies its health into the row."""
@@ -115,7 +117,9 @@ class Device:
             self._await_return(now)
         else:
             self._call("read", now, self.driver.read, now)
-            if not self.lost and self.driver.health.stamp >= 0:
+            # What a device left behind when it was lost is no sample of the one that is back.
+            if not self.lost and self.driver.health.stamp not in (-1, self._left):
+                self._left = -1
                 self._judge(now)
         health, words = self.driver.health, self.words
         link = words.item(DEVICE.link) & _KEPT
@@ -244,7 +248,7 @@ class Device:
         self.lost = True
         self._failing.clear()
         self._samples.forget()
-        self._jump = ""
+        self._stamp, self._left, self._jump = -1, self.driver.health.stamp, ""
         self._next_try = now + round(RETRY * 1e9)
         self._report(f"lost {reason}")
         self.on_loss(self)
@@ -310,10 +314,12 @@ def speed_of(feedback: Signal, command: Command, most: Array) -> Array:
         most: its velocity limit, of the command's shape.
     """
     limit = most.ravel().tolist()
+    if feedback.size == command.size == 1:
+        return np.array(limit)
     if command.labels == PLANAR_TWIST:  # the base's axes turn in the frame of the pose
         limit[:2] = [max(limit[:2])] * 2
-    names = [POSITION_OF.get(n, n) if command.labels == PLANAR_TWIST else n for n in command.names]
+    names = [POSITION_OF.get(n, n) if command.labels == PLANAR_TWIST else n for n in command.labels]
     of = dict(zip(names, limit, strict=True)) if names else {}
-    if of and feedback.names:
-        return np.array([of.get(name, inf) for name in feedback.names])
+    if of and feedback.labels:
+        return np.array([of.get(name, of.get(POSITION_OF.get(name, ""), inf)) for name in feedback.labels])
     return np.array(limit) if feedback.size == command.size else np.full(feedback.size, inf)

@@ -5,14 +5,16 @@ Reads only the row and the guards, so a replay finds the same.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from runtime.contracts.per_element import in_order
 from runtime.contracts.signals import Array, Limits
 from runtime.guard import CommandGuard
-from runtime.guard.following import WINDOW, FollowingError
+from runtime.guard.following import TIMEOUT, FollowingError, usual_window
+from runtime.guard.samples import AGREE, SLACK, SPEED
 from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Cause
 from runtime.loop.machine import Fault
 from runtime.profile.graph import Actuator, Graph
@@ -37,7 +39,9 @@ class Feedback:
         self._links = graph.row.devices[:, DEVICE.link]
         self._monitors = [_monitor(graph, a, guard) for a, guard in zip(graph.actuators, guards, strict=True)]
         self._said: dict[int, str] = {}  # by actuator, what of it was reported and is still so
-        self._unfit = ""
+        self._recent = [deque[Array](maxlen=AGREE) for a in graph.actuators]  # measured, while it isn't commanded
+        self._dt = float(1 / graph.profile.rate)
+        self._unfit: str | None = None  # the command that was said to be unfit last
 
     def restart(self, i: int) -> None:
         """Actuator `i` begins to be commanded."""
@@ -50,6 +54,8 @@ class Feedback:
         for i, (actuator, monitor) in enumerate(zip(self._graph.actuators, self._monitors, strict=True)):
             link = self._links.item(actuator.device)
             if not link & LINK_ACTIVE:
+                if actuator.measured is not None:
+                    self._recent[i].append(actuator.measured.ravel().copy())
                 continue
             if self._guards[i].misreported:
                 text = f"'{actuator.name}': its driver reports {_numbers(actuator.sent)} as sent, which can't have been"
@@ -72,15 +78,23 @@ class Feedback:
         A device that was led up to now is where it was sent, within its window. One that wasn't must be within its
         limits, or beyond them by no more than that.
         """
-        for actuator, guard, monitor in zip(self._graph.actuators, self._guards, self._monitors, strict=True):
-            if actuator.measured is None or not np.isfinite(actuator.measured).all():
-                continue  # the guard itself refuses to start from what isn't finite
+        for k, (actuator, guard, monitor) in enumerate(
+            zip(self._graph.actuators, self._guards, self._monitors, strict=True)
+        ):
+            if actuator.measured is None:
+                continue
             led = self._links.item(actuator.device) & LINK_ACTIVE
             q = actuator.measured.ravel()
-            if led and monitor is not None:
+            if not np.isfinite(q).all():
+                if not led:
+                    continue  # the guard itself refuses to start from what isn't finite
+                why = f"'{actuator.name}': not all of its joints are measured"
+            elif not led and actuator.command.kind == "position" and not self._steady(k):
+                why = f"'{actuator.name}': its limb moves, or is measured now here, now there"
+            elif led and monitor is not None:
                 why = "" if monitor.fits() else self._behind(actuator, monitor)
             elif guard.held_in:
-                window = WINDOW["rad"] if monitor is None else monitor.window
+                window = usual_window(actuator.command) if monitor is None else monitor.window
                 low, high = np.array(guard.lower) - window, np.array(guard.upper) + window
                 i = int(np.argmax(np.maximum(low - q, q - high)))
                 inside = low[i] <= q[i] <= high[i]
@@ -93,12 +107,18 @@ class Feedback:
             else:
                 continue
             if why:
-                if why[:40] != self._unfit[:40]:
+                if actuator.name != self._unfit:  # an automatic start asks in each cycle
                     self._report(f"no start: {why}. Bring it there, or look for what measures it wrong; then reset")
-                self._unfit = why
+                self._unfit = actuator.name
                 return Fault(Cause.FOLLOWING_ERROR, actuator.device)
-        self._unfit = ""
+        self._unfit = None
         return None
+
+    def _steady(self, i: int) -> bool:
+        """Whether the newest measurements of a joint that isn't commanded lie within what it could be led to."""
+        recent = self._recent[i]
+        reach = SLACK["rad"] + SPEED * np.array(self._guards[i].max_velocity) * self._dt
+        return all(bool((np.abs(b - a) <= reach).all()) for a, b in pairwise(recent))
 
     def _behind(self, actuator: Actuator, monitor: FollowingError) -> str:
         errors = monitor.errors()
@@ -115,16 +135,10 @@ def _monitor(graph: Graph, actuator: Actuator, guard: CommandGuard) -> Following
     wanted = None if entry is None else entry.following_error
     if actuator.measured is None or actuator.command.kind == "torque" or wanted == "off":
         return None
-    window: Array | None = None
-    timeout = {}
-    if wanted is not None and not isinstance(wanted, str):
-        command = actuator.command
-        timeout = {"timeout": wanted.timeout}
-        if wanted.window is not None:
-            values = in_order(wanted.window, command.labels, size=command.size, ordered=command.ordered)
-            window = np.array(values, np.float64)
+    timeout = TIMEOUT if wanted is None else wanted.timeout
+    window = None if entry is None else entry.window(actuator.command, graph.source.place(f"guard.{actuator.name}"))
     speed = np.array(guard.max_velocity)
-    return FollowingError(actuator.command, actuator.measured, actuator.applied, speed, window, **timeout)
+    return FollowingError(actuator.command, actuator.measured, actuator.applied, speed, window, timeout)
 
 
 def _name(actuator: Actuator, i: int) -> str:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import ConfigDict, Field
 
 from runtime.contracts.entry import BaseModel
-from runtime.contracts.per_element import NotNegative, Positive
+from runtime.contracts.errors import OptionError, WiringError
+from runtime.contracts.per_element import NotNegative, Positive, in_order
+from runtime.contracts.signals import Array, Command
 from runtime.guard.limits import GuardLimits
 from runtime.profile.wire import Input
 
@@ -53,4 +56,19 @@ class GuardEntry(GuardLimits):
     """`guard.<command>`."""
 
     following_error: FollowingEntry | Literal["off"] = FollowingEntry()
+
+    def window(self, command: Command, place: str) -> Array | None:
+        """(size,): the window of the following error; None: the profile gives none, or it is `off`.
+
+        Raises:
+            WiringError: it names other joints, or has another number of values; `place` is that of this entry.
+        """
+        if isinstance(self.following_error, str) or (wanted := self.following_error.window) is None:
+            return None
+        try:
+            values = in_order(wanted, command.labels, size=command.size, ordered=command.ordered)
+        except OptionError as error:
+            raise WiringError(f"{place}.following_error.window", error.problem, error.remedy) from None
+        return np.array(values, np.float64)
+
     clear: ClearEntry | None = None

@@ -148,6 +148,8 @@ def _devices(b: Builder, world: World | None) -> list[Driver]:
             raise WiringError(b.source.place(path), problem, "Derive it from Driver, with write and stop")
         for command in device.commands:
             _check_report(command, b.source.place(path), entry.driver)
+        for state in device.states:
+            _check_range(state, b.source.place(path), entry.driver)
         if device.commands and device.simulated and name not in b.simulated:
             problem = "it was made in simulation, and this device is real: what it moves would go elsewhere"
             raise ProfileError(b.source.place(f"{path}.{device.simulated}"), problem, "Calibrate the real one")
@@ -177,10 +179,32 @@ def _check_report(command: Command, place: str, driver: str) -> None:
         problem = f"driver '{driver}' doesn't declare how often it sends '{command.name}' (period: {command.period})"
     elif widths.size not in (1, command.size) or not (np.isfinite(widths) & (widths >= 0)).all():
         problem = f"driver '{driver}' declares no usable resolution of '{command.name}': {command.resolution}"
+    elif not 0 <= command.lag <= LONGEST_PERIOD or not _usable(command.window, command.size):
+        problem = f"driver '{driver}' declares of '{command.name}' a lag of {command.lag}, a window of {command.window}"
+        raise WiringError(place, problem, "Give a lag in s, and a window above 0 in the position's unit, or none")
     else:
         return
     remedy = f"Give its Command a `period` of at most {LONGEST_PERIOD:g} s and a `resolution`, and fill `sent_arrays`"
     raise WiringError(place, problem, remedy)
+
+
+def _usable(window: float | tuple[float, ...] | None, size: int) -> bool:
+    widths = np.ravel(1.0 if window is None else window)
+    return widths.size in (1, size) and bool((np.isfinite(widths) & (widths > 0)).all())
+
+
+def _check_range(signal: Signal, place: str, driver: str) -> None:
+    """Refuses a state whose driver says of it what no range is."""
+    if signal.plausible is None:
+        return
+    try:
+        low, high = (np.broadcast_to(np.asarray(v, np.float64), signal.shape) for v in signal.plausible)
+        fits = bool((low < high).all())
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        problem = f"driver '{driver}' declares no usable range of '{signal.name}': {signal.plausible}"
+        raise WiringError(place, problem, "Give `plausible` the least and the greatest value")
 
 
 def _setpoints(b: Builder) -> list[str]:
@@ -216,15 +240,15 @@ def _parameters(b: Builder, laws: list[Law]) -> list[tuple[str, Parameter]]:
 def _unused(b: Builder, laws: list[Law], devices: list[Driver], cleared: dict[str, Cleared]) -> None:
     wired = measured_frames.relied_on(laws)
     wired |= {name for each in cleared.values() for wire in each.inputs.values() for name in wire.far}
-    commands = {f"{d.name}.{c.name}" for d in devices for c in d.commands}
+    commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
     for name in b.profile.setpoints:
         if name not in wired:
             raise WiringError(b.source.place(f"setpoints.{name}"), f"nothing reads '{name}'", "Wire it or remove it")
-    for name in b.profile.guard:
+    for name, entry in b.profile.guard.items():
+        place = b.source.place(f"guard.{name}")
         if name not in commands:
-            raise WiringError(
-                b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands)
-            )
+            raise WiringError(place, f"no command is called '{name}'", nearest(name, commands))
+        entry.window(commands[name], place)  # whether it can be read
     switches.check(b, devices)
     measured_frames.check_signals(b)
 

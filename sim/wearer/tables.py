@@ -40,7 +40,7 @@ def read_csv(path: Path) -> Parts:
     header, rows, first = read_rows(path)
     own = time_column(f"{path}, line 1", header)
     if own is None:
-        problem = f"no time column; the header is: {', '.join(header)[:200]}"
+        problem = f"0 time columns instead of one; the header is: {', '.join(header)[:200]}"
         raise RecordingError(f"{path}, line 1", problem, f"Name one column {', '.join(_TIME)}")
     names, factors = [], []
     for name in header:

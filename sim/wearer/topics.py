@@ -80,13 +80,16 @@ def _topic(file: Path) -> tuple[Array, Array]:
             "Expected the columns rosbagTimestamp (ns) and data (rad)",
         )
     for line, row in enumerate(rows, first):
-        if not re.fullmatch("[0-9]{1,18}", row[0].strip()):
+        if not re.fullmatch("[0-9]{1,19}", row[0].strip()):
             raise RecordingError(
                 f"{file}, line {line}, column 'rosbagTimestamp'",
                 f"'{row[0]}' is not a whole number of ns",
                 "Repair or drop the line",
             )
-    stamps = np.array([int(row[0]) for row in rows], dtype=np.int64)
+    try:
+        stamps = np.array([int(row[0]) for row in rows], dtype=np.int64)
+    except OverflowError:
+        raise RecordingError(f"{file}, column 'rosbagTimestamp'", "a time beyond 2262", "Give ns") from None
     try:
         values = np.array([float(row[1]) for row in rows]).reshape(-1, 1)
     except ValueError as error:

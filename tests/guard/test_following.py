@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from runtime.contracts.compiled import undone
 from runtime.contracts.signals import Command, Kind, Stop
 from runtime.contracts.terms import PLANAR_TWIST
-from runtime.guard.following import MEMORY, TIMEOUT, WINDOW, FollowingError
+from runtime.guard.following import SLIPS, TIMEOUT, WINDOW, FollowingError
 
 DT = 0.01
 JOINTS = ("one", "two")
@@ -102,7 +102,7 @@ def test_a_bases_way_is_compared_in_its_own_axes(in_c: bool, yaw: float) -> None
         limb.error.step(DT)
     assert np.abs(limb.error.errors()).max() < 1e-9
     assert not limb.error.exceeded
-    assert limb.run(2 * MEMORY)  # now its wheels are blocked
+    assert limb.run(2 * SLIPS)  # now its wheels are blocked
 
 
 numbers = st.floats(-10, 10) | st.sampled_from((np.nan, 1e300))

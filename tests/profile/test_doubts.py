@@ -10,6 +10,7 @@ from helpers import ROOT
 from helpers.run import call
 
 from runtime.cli import main
+from runtime.contracts.errors import WiringError
 from runtime.control import models
 from runtime.control.ikns import record
 from runtime.profile import profile, shelf, wiring
@@ -57,9 +58,19 @@ def test_another_unit_is_doubted_at_its_place(change: str, place: str, text: str
 
 def test_angles_of_servos_and_limits_are_doubted_too() -> None:
     set_ = ["devices.finger.servos.abduction.upper=90", "guard.finger.position_command.lower={abduction: -60}"]
-    found = wiring.build(*profile.load("finger-jog", set_)).doubts
+    found = wiring.build(*profile.load("finger-jog", set_), []).doubts
     assert "devices.finger.servos.abduction.upper: 90 rad" in found[0]
     assert "guard.finger.position_command.lower.abduction: -60 rad" in found[1]
+
+
+def test_where_a_real_device_moves_they_are_refused_unless_they_are_meant() -> None:
+    upper, lower = "devices.finger.servos.abduction.upper", "guard.finger.position_command.lower"
+    set_ = [f"{upper}=90", f"{lower}={{abduction: -60}}"]
+    with pytest.raises(WiringError, match=r"90 degrees are 1.571 rad.*`meant: \[devices.finger.servos.abduction.upper"):
+        wiring.build(*profile.load("finger-jog", set_))
+    with pytest.raises(WiringError, match=f"{lower}.abduction: -60 rad"):
+        wiring.build(*profile.load("finger-jog", [*set_, f"meant=[{upper}]"]))
+    assert not wiring.build(*profile.load("finger-jog", [*set_, f"meant=[{upper}, {lower}]"])).doubts
 
 
 def test_a_turn_both_ways_is_a_joints_range() -> None:
