@@ -122,3 +122,21 @@ def test_c_finds_what_python_finds(series: list[tuple[float, ...]], planar: bool
                 found.append(limb.error.step(DT))
         assert found[0] == found[1]
         assert both[0].error._state.tobytes() == both[1].error._state.tobytes()
+
+
+@pytest.mark.parametrize("in_c", [True, False])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_one_value_that_is_not_known_ends_nothing_for_good(in_c: bool, wrong: float) -> None:
+    """It made the error of a velocity NaN, and no reset was granted any more."""
+    limb = Limb(Kind.VELOCITY, in_c)
+    limb.run(1.0)
+    limb.measured[0] = wrong
+    limb.run(DT)
+    limb.measured[0] = 0.0
+    assert not limb.run(1.0)
+    assert limb.error.fits()
+
+
+def test_a_joint_that_slides_has_the_window_of_its_unit() -> None:
+    limb = Limb(Kind.POSITION, slides=("two",))
+    assert limb.error.window.tolist() == [WINDOW["rad"], WINDOW["m"]]

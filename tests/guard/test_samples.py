@@ -14,7 +14,7 @@ from runtime.contracts.compiled import undone
 from runtime.contracts.plausible import plausible
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POSE, WRENCH
-from runtime.guard.samples import AGREE, SLACK, SPEED, SampleCheck
+from runtime.guard.samples import AGREE, HAND, SLACK, SPEED, SampleCheck
 
 DT = 10_000_000  # ns
 FAST = 2.0  # rad/s
@@ -255,3 +255,37 @@ def test_a_joint_that_slides_has_a_margin_of_its_own_unit() -> None:
     arm.at(0.1, 0.2, cycles=AGREE)
     assert not arm.at(0.1 + SLACK["m"] + SPEED * FAST * DT * 1e-9 + 1e-6, 0.2)
     assert arm.at(0.1 + SLACK["m"], 0.2)
+
+
+def test_two_wrong_samples_in_a_line_are_no_motion() -> None:
+    """They became a position, and the start of a command."""
+    arm = Arm().led()
+    arm.at(0.0, 0.2, cycles=AGREE)
+    assert [arm.at(wrong, 0.2) for wrong in (0.4, 0.8, 1.2)] == [False] * 3
+    assert arm.place == [0.0, 0.2]
+
+
+def test_steps_that_grow_are_believed_as_far_as_a_hand_can_move_a_joint() -> None:
+    arm, steps = Arm().led(), [0.0]
+    arm.at(0.0, 0.2, cycles=AGREE)
+    for k in range(1, 40):
+        arm.at(0.02 * k * k, 0.2)
+        steps.append(arm.place[0])
+    assert np.diff(steps).max() <= HAND * DT * 1e-9 + REACH
+
+
+def test_what_wasn_t_known_before_an_absurd_sample_isn_t_known_after_it() -> None:
+    arm = Arm().led()
+    arm.at(0.1, 0.2, cycles=AGREE, velocity=1.0)
+    assert arm.at(0.1, 0.2, velocity=np.nan)
+    assert not arm.at(1e12, 0.2, velocity=np.nan)
+    assert np.isnan(arm.arrays["velocity"]).all()
+    assert arm.place == [0.1, 0.2]
+
+
+def test_a_stamp_that_lies_ahead_hardly_widens_the_margin() -> None:
+    arm = Arm().led()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    arm.now += DT
+    arm.arrays["position"][:] = 0.1 + SLACK["rad"] + 2.1 * SPEED * FAST * DT * 1e-9, 0.2
+    assert not arm.check.take(arm.now + 10 * DT, arm.now)
