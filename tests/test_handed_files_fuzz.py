@@ -25,7 +25,6 @@ import numpy as np
 import pytest
 from helpers.arm_urdf import HIP
 from helpers.recording import make_layout, make_rows, make_run
-from helpers.segments import make_segments
 from pydantic import ValidationError
 
 from drivers.cyberglove import calibration
@@ -233,12 +232,6 @@ def black_box(folder: Path) -> bytes:
     return run.rows.read_bytes()
 
 
-def recorded(folder: Path) -> bytes:
-    (folder / "a.rrd.segments").mkdir()
-    make_segments(folder / "a.rrd.segments", make_layout(100, 2), 100)
-    return next((folder / "a.rrd.segments").glob("*.rrd")).read_bytes()
-
-
 def array(name: str, members: dict[str, Any]) -> Handed:
     """An array within an NPZ."""
     return Handed(
@@ -274,9 +267,8 @@ READERS: Final[dict[str, Handed]] = {
                    (*KINDS, ValidationError), trials=40),
     "layout": Handed(lambda _: make_layout(100, 2).text, Layout.load, "layout.json"),
     "black box": Handed(black_box, lambda path: reader.read(path.parent), "rows.ring"),
-    "recording": Handed(recorded, reader.read, "b.rrd", trials=400),
 }  # fmt: skip
-SLOW: Final = ("recording", "override", "profile", "actions", "glove")
+SLOW: Final = ("override", "profile", "actions", "glove")
 
 
 # -- the mutations

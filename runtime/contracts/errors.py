@@ -12,8 +12,8 @@ from collections.abc import Iterable
 
 def _line(text: str, most: int = 1000) -> str:
     """The text as one line of bounded length: it may quote what a file has."""
-    if "\n" in text or "\r" in text:
-        text = " ".join(text.split())
+    if len(lines := text.splitlines()) > 1:
+        text = " ".join(" ".join(lines).split())
     return text if len(text) <= most else f"{text[:most]} ..."
 
 
