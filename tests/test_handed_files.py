@@ -22,6 +22,7 @@ from test_handed_files_fuzz import BIG, BVH, FORCES, GLOVE, HAND, POSES, SENSORS
 from drivers.cyberglove import calibration
 from drivers.cyberglove.protocol import LABELS
 from runtime.bus import certificate_doubts, certificates
+from runtime.cli import main
 from runtime.contracts.errors import SrlError
 from runtime.contracts.file_says import file_says
 from runtime.contracts.files import KeptFile
@@ -181,6 +182,15 @@ def test_a_slow_table_that_says_its_unit_is_taken(tmp_path: Path) -> None:
     for name, step in (("time_ms", 10.0), ("time", 0.1), ("time_s", 0.5)):
         path = file(tmp_path, "a.csv", table((name, *SENSORS), step))
         assert bounded(partial(load_wearer, path)) == ""
+
+
+@pytest.mark.slow
+def test_what_of_a_hands_recording_is_left_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for names in (SENSORS, list(LABELS[22])):
+        path = file(tmp_path, "a.csv", table(("time", *names, "battery"), n=200))
+        assert main(["check", "sixth-finger", "--sim", "--set", f"sim.parts.hand.wearer.recording={path}"]) == 0
+        said = "".join(capsys.readouterr())
+        assert not [name for name in (*names[19:], "battery") if name not in said.replace(str(path), "")], names[19:]
 
 
 WRONG_NPZ: Final[dict[str, tuple[dict[str, Any], list[str]]]] = {

@@ -58,7 +58,8 @@ class Feedback:
                     self._recent[i].append(actuator.measured.ravel().copy())
                 continue
             if self._guards[i].misreported:
-                text = f"'{actuator.name}': its driver reports {_numbers(actuator.sent)} as sent, which can't have been"
+                sent, applied = _numbers(actuator.sent), _numbers(actuator.applied)
+                text = f"'{actuator.name}': its driver reports {sent} as sent, which can't have been: it was {applied}"
                 fault = fault or Fault(Cause.DEVICE_FAULT, actuator.device)
             elif monitor is not None and link & (_WELL | LINK_STALE) == _WELL and monitor.step(dt):
                 text = self._behind(actuator, monitor)

@@ -75,7 +75,8 @@ def doubts(
                 units += _doubt(place, value, unit)
         for place, value in _numbers(limits.velocity, f"guard.{name}.velocity"):
             if unit in FAST and FAST[unit] < abs(value) < inf:
-                asked = "Are these degrees? " if unit == "rad" else "Are these millimetres? "
+                what, meant = ("degrees", radians(value)) if unit == "rad" else ("millimetres", value / 1000)
+                asked = f"Are these {what}? {value:g} {what} a second are {meant:.4g} {unit}/s"
                 units.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
     units = [(place, text) for place, text in units if not _within(place, profile.meant)]
     if units and any(d.commands and d.name not in simulated for d in devices):

@@ -64,6 +64,7 @@ class Fitted:
         constant: joints that don't move, so probably weren't measured.
         mirrored: shifted joints that would fit as they are, were they negated.
         still: whether no joint moves by more than 5 degrees.
+        unused: columns of the file from which nothing is taken.
     """
 
     position: Array
@@ -74,6 +75,7 @@ class Fitted:
     constant: tuple[str, ...]
     mirrored: tuple[str, ...]
     still: bool
+    unused: tuple[str, ...] = ()
 
     @property
     def doubtful(self) -> bool:

@@ -92,6 +92,17 @@ def to_model(names: Sequence[str], values: Array) -> Array | None:
     return best
 
 
+def unused(names: Sequence[str]) -> list[str]:
+    """Those of these names from which `to_model` takes nothing: a palm's, a wrist's, and what no scheme knows."""
+    known = numbered(names)
+    schemes = [
+        {source for terms in scheme.values() if all(s in known for s, _ in terms) for source, _ in terms}
+        for scheme in SCHEMES.values()
+    ]
+    used = max(schemes, key=len)
+    return [name for name, number in zip(names, known, strict=True) if number not in used]
+
+
 def numbered(names: Sequence[str]) -> list[str]:
     """Converts names of glove sensors, by label or number, to the numbers s0..s21 of a glove with 22 sensors.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,8 @@ def load_wearer(
         )
     fitted = fit(np.concatenate([position for _, position in parts]), ranges)
     check(path, fitted)
+    if path.suffix.lower() in (".csv", ".npz"):
+        fitted = replace(fitted, unused=tables.unused_columns(path))
     ends = np.cumsum([len(time) for time, _ in parts])[:-1]
     parts = [(time, q) for (time, _), q in zip(parts, np.split(fitted.position, ends), strict=True)]
     if episode is not None:

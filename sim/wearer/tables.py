@@ -17,7 +17,7 @@ from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import JOINTS
 from sim.wearer import npz
 from sim.wearer.checks import check_samples
-from sim.wearer.joints import SCHEMES, numbered, to_model
+from sim.wearer.joints import SCHEMES, numbered, to_model, unused
 
 Parts = list[tuple[Array, Array]]
 
@@ -121,6 +121,18 @@ def read_npz(path: Path) -> Parts:
             raise _unknown(path, layout[1], names)
         parts.append((time - time[0], position))
     return parts
+
+
+def unused_columns(path: Path) -> tuple[str, ...]:
+    """The columns of a table, CSV or NPZ, from which a hand takes nothing. The table was read before."""
+    if path.suffix.lower() == ".npz":
+        found = npz.arrays(path, (_DOOR[1], _PLAIN[1]))
+        names = [str(name) for name in found.get(_DOOR[1], found.get(_PLAIN[1], np.empty(0))).ravel()]
+    else:
+        names = [name for name in read_rows(path)[0] if name.lower() not in _TIME]
+    plain = [next((name.removesuffix(s) for s in _UNITS if name.lower().endswith(s)), name) for name in names]
+    left = set(unused(plain))
+    return tuple(name for name, short in zip(names, plain, strict=True) if short in left)
 
 
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], int]:

@@ -55,6 +55,8 @@ class HumanHandPart(Part):
             if fitted.constant:
                 still = f"these don't move, so they were probably not measured: {', '.join(fitted.constant)}"
                 self.remarks.append(("wearer.recording", still))
+            if fitted.unused:
+                self.remarks.append(("wearer.recording", f"nothing is taken of {', '.join(fitted.unused)}"))
         self.ends = self.wearer.duration if np.isfinite(self.wearer.duration) else None
         tips = Signal(
             name=f"{name}_tips", shape=(5, 3), unit="m", frame=name, labels=FINGERS, components=(POINT,),
