@@ -133,11 +133,8 @@ class Opening:
             )
         gear, wanted = self._read(who, motor, Register.GEAR), motor.facts.gear
         if wanted is not None and not isclose(gear, wanted, rel_tol=0.02):
-            raise DeviceError(
-                self._place,
-                f"{who} has a gear of {gear:g}:1 in its memory, an {motor.model} one of {wanted:g}:1",
-                "Correct 'model', or its register 20 with the maker's tool: positions are scaled by it",
-            )
+            problem = f"{who} has a gear of {gear:g}:1 in its memory, an {motor.model} one of {wanted:g}:1"
+            raise DeviceError(self._place, problem, "Correct 'model', or its register 20 with the maker's tool")
         self._set(who, motor, Register.CTRL_MODE, MIT, "MIT mode")
         self._set(who, motor, Register.TIMEOUT, self._config.watchdog_ticks, "watchdog")
         states = self._states(motor)
