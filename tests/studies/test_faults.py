@@ -126,7 +126,11 @@ def test_a_broken_runtime_is_caught(
 
 
 def sent(
-    values: list[float], left: list[int], begun: list[int] | None = None, measured: Any = None, late: float = 0.0,
+    values: list[float],
+    left: list[int],
+    begun: list[int] | None = None,
+    measured: Any = None,
+    late: float = 0.0,
     led: bool = False,
 ) -> Sent:
     """`late`: s, of the last one; `led`: the device was commanded all the time."""
