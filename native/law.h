@@ -31,7 +31,7 @@ typedef struct {
 
 extern const Law tool_pose, admittance, moca_impedance, kairos_clik, torque_guard, velocity_guard, position_guard,
     sent_tracker, command_left, ur_take, ur_fill, felt_wrench, object_mapping, panda_fill, panda_torque,
-    panda_record, panda_watch, sample_check, following_position, following_velocity;
+    panda_record, panda_watch, sample_check, rate_check, following_position, following_velocity;
 
 /* As Python's: the first, unless the second is smaller (larger). */
 static inline double least_of(double a, double b) { return b < a ? b : a; }

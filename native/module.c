@@ -26,7 +26,7 @@
 static const Law *const LAWS[] = {&tool_pose, &admittance, &moca_impedance, &kairos_clik, &torque_guard,
                                   &velocity_guard, &position_guard, &sent_tracker, &command_left, &ur_take, &ur_fill,
                                   &felt_wrench, &object_mapping, &panda_fill, &panda_torque, &panda_record,
-                                  &panda_watch, &sample_check, &following_position, &following_velocity, NULL};
+                                  &panda_watch, &sample_check, &rate_check, &following_position, &following_velocity, NULL};
 
 typedef struct {
     PyObject_HEAD

@@ -1,4 +1,4 @@
-/* What runtime/guard/samples.py and runtime/guard/following.py do in the ordinary cycle. */
+/* What runtime/guard/samples.py, rates.py and following.py do in the ordinary cycle. */
 #include <stddef.h>
 
 #include "law.h"
@@ -6,21 +6,28 @@
 /* -- each sample of a device: within what can be, and where a joint can have moved to */
 
 enum { LOW, HIGH, SLACK, SPEED, WIDE };
-enum { LAST, BEFORE, EARLIER, TAKEN, KEPT };
+enum { LAST, BEFORE, EARLIER, TAKEN, AGE, AGREED, KEPT };
+enum { AGREE = 3 };
+enum { Q, W, WAY, COMMON, RATE_KEPT };
+#define RATE_MEMORY 0.5
+#define RATE_LATE 0.06
 
 static int sample_step(double *const *a, int n, double dt, int flag) {
     const double *values = a[0], *limits = a[1];
     double *state = a[2];
     for (int i = 0; i < n; i++) {
         double x = values[i];
-        const double *l = limits + WIDE * i;
-        if (!isfinite(x)) continue; /* it says that the value isn't known */
-        if (x < l[LOW] || x > l[HIGH] || fabs(x - state[KEPT * i + LAST]) > l[SLACK] + l[SPEED] * dt) return RARE;
+        const double *l = limits + WIDE * i, *s = state + KEPT * i;
+        int known = isfinite(x), judged = isfinite(l[SPEED]); /* what isn't finite says that it isn't known */
+        if (known && (x < l[LOW] || x > l[HIGH])) return RARE;
+        if (judged && (known ? s[AGE] > 0.0 || s[AGREED] < AGREE : flag)) return RARE;
+        if (known && judged && !(fabs(x - s[LAST]) <= l[SLACK] + l[SPEED] * dt)) return RARE;
     }
     for (int i = 0; i < n; i++) {
         double x = values[i], *s = state + KEPT * i;
-        if (flag || !(x == s[BEFORE])) s[EARLIER] = s[BEFORE], s[BEFORE] = x;
-        if (isfinite(x)) s[LAST] = x;
+        int known = isfinite(x);
+        if (known && (flag || !(x == s[BEFORE]))) s[EARLIER] = s[BEFORE], s[BEFORE] = x;
+        if (known) s[LAST] = x;
         s[TAKEN] = x;
     }
     return DONE;
@@ -28,6 +35,36 @@ static int sample_step(double *const *a, int n, double dt, int flag) {
 
 static const Arg sample_args[] = {{"values", ANY, 1, 0}, {"limits", 0, WIDE, 0}, {"state", 0, KEPT, 1}, {NULL, 0, 0, 0}};
 const Law sample_check = {"sample-check", sample_step, sample_args};
+
+/* -- a measured velocity: whether it is that of the measured position; returns one more than the element that is wrong */
+
+static int rate_step(double *const *a, int n, double dt, int flag) {
+    const double *q = a[0], *w = a[1], *off = a[2];
+    double *state = a[3], keep = most_of(0.0, 1.0 - dt / RATE_MEMORY), way[MOST_JOINTS], common[MOST_JOINTS];
+    (void)flag;
+    if (n > MOST_JOINTS) return RARE;
+    for (int i = 0; i < n; i++) {
+        const double *s = state + RATE_KEPT * i;
+        if (!isfinite(q[i]) || !isfinite(w[i])) continue;
+        way[i] = common[i] = 0.0;
+        if (isfinite(s[Q])) {
+            double went = q[i] - s[Q], both = dt > 0.0 ? least_of(fabs(w[i]), fabs(went) / dt) : 0.0;
+            way[i] = s[WAY] * keep + (0.5 * (w[i] + s[W]) * dt - went);
+            common[i] = most_of(s[COMMON] * keep, both);
+        }
+        if (!(fabs(way[i]) <= off[i] + RATE_LATE * common[i])) return i + 1;
+    }
+    for (int i = 0; i < n; i++) {
+        double *s = state + RATE_KEPT * i;
+        if (isfinite(q[i]) && isfinite(w[i])) s[Q] = q[i], s[W] = w[i], s[WAY] = way[i], s[COMMON] = common[i];
+    }
+    return DONE;
+}
+
+static const Arg rate_args[] = {
+    {"position", 0, 1, 0}, {"velocity", 0, 1, 0}, {"off", 0, 1, 0}, {"state", 0, RATE_KEPT, 1}, {NULL, 0, 0, 0},
+};
+const Law rate_check = {"rate-check", rate_step, rate_args};
 
 /* -- a commanded position: whether the limb is where its command was within the lag */
 
@@ -59,7 +96,7 @@ static int velocity_step(double *const *a, int n, double dt, int flag) {
         if (!isfinite(measured[i]) || !isfinite(applied[i])) return RARE;
     for (int i = 0; i < n; i++) way[i] = measured[i] - before[i], before[i] = measured[i];
     if (flag && n == 3) {
-        double c = cos(measured[2]), s = sin(measured[2]), x = way[0], y = way[1];
+        double yaw = measured[2] - way[2] / 2, c = cos(yaw), s = sin(yaw), x = way[0], y = way[1];
         way[0] = c * x + s * y, way[1] = c * y - s * x;
     }
     for (int i = 0; i < n; i++) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from math import pi
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -63,8 +64,9 @@ class CyberGlove(Sensor):
         labels = LABELS[config.sensors]
         self._raw = config.raw
         given, unit = ("raw", "count") if config.raw else ("position", "rad")
+        plausible = (0.0, 255.0) if config.raw else (-pi, pi)  # a byte; no joint of a hand turns further
         self.states = (
-            Signal(name=given, shape=(config.sensors,), unit=unit, labels=labels),
+            Signal(name=given, shape=(config.sensors,), unit=unit, labels=labels, plausible=plausible),
             Signal(name="buttons", shape=(1,), unit="1", labels=("wrist_switch",)),
         )
         self._calibration_file = config.calibration

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
 from drivers.panda.requests import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
@@ -102,6 +103,8 @@ class PandaConfig(DeviceConfig):
 
 
 FURTHEST, FASTEST = 5.0, 15.0  # rad, rad/s: beyond any joint's end (4.6) and greatest speed (5.3), of Panda and FR3
+FORCE = np.array([500.0] * 3 + [100.0] * 3)  # N, N m: more than the arm stands
+WINDOW = 0.1  # rad: its joints are stiff
 PERIOD = 0.02  # s: after 20 missing commands the robot itself ends the motion
 # The limiter bounds the jerk, which the guard needn't: it follows a change of acceleration within this, in the
 # command's unit. A limited torque parts from the guard's at once.
@@ -139,6 +142,7 @@ def commands(config: PandaConfig) -> tuple[Command, ...]:
         period=PERIOD,
         timeout=PERIOD,
         resolution=RESOLUTION[config.kind],
+        window=WINDOW if config.kind is Kind.POSITION else None,
         ordered=True,
     )
     return (made,)

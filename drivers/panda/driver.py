@@ -13,7 +13,7 @@ import numpy as np
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.devicetime import DeviceTime
 from drivers.panda.channel import Channel, open_channel
-from drivers.panda.config import COMMANDS, STATES, PandaConfig, commands, states
+from drivers.panda.config import COMMANDS, FORCE, STATES, PandaConfig, commands, states
 from drivers.panda.limits import BY_VERSION
 from drivers.panda.motion import Motion, Phase
 from drivers.panda.packets import RobotMode
@@ -67,6 +67,7 @@ class Panda(Driver):
         super().__init__(name, config)
         self.config: PandaConfig = config
         self.states = states(config, name)
+        self.ranges["wrench"] = -FORCE, FORCE
         self.commands = commands(config)
         self._command = self.commands[0].name if self.commands else ""
         self._place = f"{name} ({config.port})"

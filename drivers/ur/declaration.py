@@ -14,6 +14,8 @@ from runtime.contracts.terms import POSE, WRENCH
 
 NEAR = 0.2  # rad, by which a joint may be measured beyond its end
 FASTEST = 15.0  # rad/s, of any joint of any model: 4 is the most that one is commanded to
+FORCE = np.array([500.0] * 3 + [100.0] * 3)  # N, N m: more than an arm stands
+WINDOW = 0.1  # rad: its joints are stiff
 PERIOD = 0.02  # s, ten cycles of the controller: commands go every cycle, two may be unanswered
 
 
@@ -43,6 +45,7 @@ def commands(config: UrConfig) -> tuple[Command, ...]:
     made = Command(
         name=f"{config.interface}_command", shape=(6,), unit=unit, labels=JOINTS, kind=kind,
         feedback="position", stops=(Stop.HOLD, Stop.BRAKE), period=PERIOD, timeout=config.timeout, ordered=True,
+        window=WINDOW if kind is Kind.POSITION else None,
     )  # fmt: skip
     return (made,)
 

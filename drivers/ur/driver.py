@@ -17,7 +17,7 @@ from drivers.transport import Transport, open_transport
 from drivers.ur import registers, rtde, sample
 from drivers.ur.bring_up import PROTECTIVE, Controller, Identity, resolve
 from drivers.ur.config import UrConfig, address
-from drivers.ur.declaration import commands, limits, measured, remark, states
+from drivers.ur.declaration import FORCE, commands, limits, measured, remark, states
 from drivers.ur.declaration import fault as fault_of
 from drivers.ur.handshake import Handshake
 from drivers.ur.numbering import REST, Numbering
@@ -63,6 +63,7 @@ class Ur(Driver):
         super().__init__(name, config)
         self.config: UrConfig = config
         self.states = states(config, name)
+        self.ranges["wrench"] = -FORCE, FORCE
         self.commands = commands(config)
         self.limits = {c.name: limits(config) for c in self.commands}
         self._command = f"{config.interface}_command"

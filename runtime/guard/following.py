@@ -18,6 +18,7 @@ WINDOW: Final = {"rad": 0.25, "m": 0.03, "1": 0.25}  # of a position, by its uni
 PLANAR_WINDOW: Final = (0.25, 0.25, 0.5)  # m, m, rad
 TIMEOUT: Final = 0.5  # s
 MEMORY: Final = 10.0  # s in which the following error of a velocity is forgotten
+BACK: Final = 0.25  # of the time within the window, by which the time beyond it is forgotten
 SLIPS: Final = 2.0  # s, of a base, whose wheels slip
 
 
@@ -33,14 +34,17 @@ def usual_window(command: Command) -> Array:
 class FollowingError:
     """Follows one command with feedback.
 
-    A position is compared with the range in which its command was within the lag: the command, and what follows it with
-    the lag's time constant. Of a velocity, the way that was measured is compared with the way that was commanded.
-    A torque says nothing of where the limb should be: it has none.
+    A position is compared with the range from its command to what follows that with the lag as time constant (a first
+    order lag). Of a velocity, the way that was measured is compared with the way that was commanded. What isn't
+    measured for some cycles is made up for later. A torque says nothing of where the limb should be: it has none.
+
+    The time beyond the window is added up, and goes back at a quarter of its speed within it: so a limb that swings
+    through its window is found. A cycle counts as a quarter of the time-out at most: no single one is enough.
 
     Attributes:
         window: (size,), in the unit of the position: the largest error that is normal.
         timeout: s that an error may last.
-        exceeded: the error has lasted longer than that.
+        exceeded: it has lasted longer than that.
     """
 
     def __init__(
@@ -53,7 +57,7 @@ class FollowingError:
             measured: position of the same joints, of the command's shape.
             applied: the guarded command.
             speed: (size,), the greatest speed that is commanded.
-            window: in the place of the command's own.
+            window: in the place of the command's own. To that of a velocity comes the lag's way at the greatest speed.
             timeout: s.
         """
         self._measured, self._applied, self._size = measured, applied, command.size
@@ -62,7 +66,7 @@ class FollowingError:
         usual = PLANAR_WINDOW if self._planar else usual_window(command)
         given = command.window if window is None else window
         self.window: Array = np.array(np.broadcast_to(usual if given is None else given, self._size), np.float64)
-        if not self._position and window is None:  # on its way to the new velocity the limb is late
+        if not self._position:  # on its way to the new velocity the limb is late
             self.window += command.lag * np.where(np.isfinite(speed), speed, 0.0)
         self.timeout = timeout
         self._state, self._before = np.zeros(self._size), np.zeros(self._size)
@@ -82,12 +86,19 @@ class FollowingError:
         self._before[:] = np.nan_to_num(self._measured.ravel(), posinf=0.0, neginf=0.0)
         self._for, self.exceeded = 0.0, False
 
-    def step(self, dt: float) -> bool:
-        """After a cycle of dt seconds; the new measurement is there. Returns `exceeded`."""
-        if (found := self._step(dt, self._planar)) < 0:
-            found = self._compute(dt)
-        self._for = self._for + dt if found else 0.0
-        self.exceeded = self._for > self.timeout
+    def step(self, dt: float, stale: bool = False) -> bool:
+        """After a cycle of dt seconds; the new measurement is there. Returns `exceeded`.
+
+        `stale`: what is measured is old, so nothing is judged, and the way that is commanded now is measured later.
+        """
+        most = self.timeout * BACK
+        if dt > most or (found := self._step(dt, self._planar)) < 0:
+            found = self._compute(dt, dt > most)
+        if stale:
+            self._for = 0.0
+        else:
+            self._for = self._for + min(dt, most) if found else max(self._for - dt * BACK, 0.0)
+        self.exceeded = bool(found) and self._for > self.timeout
         return self.exceeded
 
     def errors(self) -> Array:
@@ -102,20 +113,24 @@ class FollowingError:
         """Whether the limb is now within its window."""
         return bool((np.abs(self.errors()) <= self.window).all())
 
-    def _compute(self, dt: float) -> bool:
-        """What C does, in Python."""
+    def _compute(self, dt: float, paused: bool) -> bool:
+        """What C does, in Python. `paused`: the loop was, and whether the device went on or stopped isn't known."""
         q, a = self._measured.ravel(), self._applied.ravel()
         share = min(1.0, dt / self._span[0])
         if self._position:
             self._state += (a - self._state) * share
             return not self.fits()
-        if not (np.isfinite(q).all() and np.isfinite(a).all()):
-            return True  # nothing shows that it follows; what is known of its way stays
-        way = q - self._before
-        self._before[:] = q
+        known = np.isfinite(q)
+        way = np.where(known, q - self._before, 0.0)
         if self._planar:
-            c, s = np.cos(q[2]), np.sin(q[2])
+            known[:] = known.all()  # the way of one is that of the others, turned
+            c, s = np.cos(q[2] - way[2] / 2), np.sin(q[2] - way[2] / 2)
             way[:2] = c * way[0] + s * way[1], c * way[1] - s * way[0]
+            way[~known] = 0.0
+        self._before[known] = q[known]
+        asked = np.where(np.isfinite(a), a, 0.0) * dt
+        if paused:
+            asked = np.clip(way, np.minimum(asked, 0.0), np.maximum(asked, 0.0))
         self._state *= 1.0 - share
-        self._state += a * dt - way
-        return not self.fits()
+        self._state += asked - way
+        return not (known.all() and np.isfinite(a).all() and self.fits())

@@ -19,7 +19,7 @@ class SentTracker:
             within the range that the guard itself has applied since the element was last taken: what is reported can
             narrow what the guard allows, and never widen it.
         stalled: an element is stalled.
-        false: s for which what is reported as sent, of any element, can't have been sent.
+        false: s for which what is reported as sent, of any element, can't have been sent, less those in which it can.
     """
 
     def __init__(self, kind: Kind, patience: float, resolution: list[float]) -> None:
@@ -75,13 +75,15 @@ class SentTracker:
             stalled, limited = unsent[i] > self._patience, left and isfinite(s) and not (near or late)
             if left and isfinite(s):
                 seats[i] = self._given(i, s, low[i], high[i])
+                if limited:  # from there it goes on, so what was applied before can't be sent any more
+                    low[i] = high[i] = seats[i]
             if limited or (stalled and (taken or not near)):
                 parted.append(i)
             self.stalled |= stalled
         previous = list(applied)
         for i in parted:
             previous[i] = nan
-        self.false = self.false + dt if wrong else 0.0 if left else self.false
+        self.false = self.false + dt if wrong else max(self.false - dt, 0.0) if left else self.false
         self.seats, self._low, self._high, self._previous, self._unsent = seats, low, high, previous, unsent
         return parted
 

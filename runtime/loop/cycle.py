@@ -128,6 +128,8 @@ class Cycle:
         Returns:
             The request's answer. The row's words hold it, too.
         """
+        for index, array in self.graph.reads:
+            self.graph.row.floats.take(index, 0, array, "clip")
         ints, machine = self._ints, self.machine
         now = int(ints[_NOW])
         before, self._fault = self._fault, self._faults.find(now)
@@ -202,8 +204,6 @@ class Cycle:
 
         In a stop only those that hold its weight go on, with that alone.
         """
-        for index, array in self.graph.reads:
-            self.graph.row.floats.take(index, 0, array, "clip")
         self._departures.tell(self._ints.item(_DT) * 1e-9)
         if (device := self._departures.stalled()) >= 0 and self.machine.state is State.ACTIVE:
             self.report(f"'{self.graph.devices[device].name}' has taken no commands as they are for too long")

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from runtime.contracts.compiled import bind_or_python
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError, SrlError
-from runtime.contracts.signals import Array, Command, Limits, Signal, Stop
-from runtime.contracts.terms import PLANAR_TWIST, POSITION_OF
+from runtime.contracts.signals import Limits, Stop
 from runtime.contracts.world import Fake
 from runtime.guard.samples import SampleCheck
 from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE
+from runtime.loop.expected import expect
 from runtime.profile.graph import Actuator
 
 RETRY = 0.5  # s between attempts to open a lost device
@@ -96,19 +96,14 @@ class Device:
             self._reopener.start()
 
     def expect(self, limits: Mapping[str, Limits]) -> None:
-        """From now on a sample of a commanded joint must be where the joint can have moved to.
+        """From now on its samples must be what can be (`runtime.loop.expected`).
 
         Args:
             limits: by command name, what the guard keeps to.
+        Raises:
+            DeviceError: its driver says of its states what no range is.
         """
-        signals = {s.name: s for s in self.driver.states}
-        for name, (low, high) in self.driver.ranges.items():
-            self._samples.narrow(name, low, high)
-        for actuator in self.actuators:
-            feedback, most = signals.get(actuator.command.feedback or ""), limits[actuator.name].velocity
-            if feedback is not None and most is not None:
-                slides = actuator.command.slides or ()
-                self._samples.expect(feedback.name, speed_of(feedback, actuator.command, most), slides)
+        expect(self._samples, self.driver, self.actuators, limits)
 
     def read(self, now: int) -> None:
         """Reads the driver, judges what it has read, and copies its health into the row."""
@@ -145,8 +140,8 @@ class Device:
         """Takes the sample that the driver has read, unless it can't be true; then the one before stays."""
         samples, name = self._samples, self.driver.name
         if samples.take(self.driver.health.stamp, now):
-            if samples.settled:
-                self._stamp = self.driver.health.stamp
+            if samples.settled:  # a stamp that lies ahead would hide a silence
+                self._stamp = min(self.driver.health.stamp, now)
             if samples.jumped:
                 text = f"it jumped: {samples.last}"
                 if self.active:
@@ -303,23 +298,3 @@ class Device:
         if self._reopener is not None:
             self._reopener.join(2.0)
         self.driver.close()
-
-
-def speed_of(feedback: Signal, command: Command, most: Array) -> Array:
-    """(size,) of the feedback: the greatest speed of each of its elements that this command asks; inf: of the others.
-
-    Args:
-        feedback: the state that measures the command's joints.
-        command: the command.
-        most: its velocity limit, of the command's shape.
-    """
-    limit = most.ravel().tolist()
-    if feedback.size == command.size == 1:
-        return np.array(limit)
-    if command.labels == PLANAR_TWIST:  # the base's axes turn in the frame of the pose
-        limit[:2] = [max(limit[:2])] * 2
-    names = [POSITION_OF.get(n, n) if command.labels == PLANAR_TWIST else n for n in command.labels]
-    of = dict(zip(names, limit, strict=True)) if names else {}
-    if of and feedback.labels:
-        return np.array([of.get(name, of.get(POSITION_OF.get(name, ""), inf)) for name in feedback.labels])
-    return np.array(limit) if feedback.size == command.size else np.full(feedback.size, inf)

@@ -19,6 +19,7 @@ from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, C
 from runtime.loop.machine import Fault
 from runtime.profile.graph import Actuator, Graph
 
+_PAUSE = 50_000_000  # ns: between two samples no more motion than in this time is believed
 _WELL = LINK_ACTIVE | LINK_CONNECTED
 
 
@@ -39,8 +40,8 @@ class Feedback:
         self._links = graph.row.devices[:, DEVICE.link]
         self._monitors = [_monitor(graph, a, guard) for a, guard in zip(graph.actuators, guards, strict=True)]
         self._said: dict[int, str] = {}  # by actuator, what of it was reported and is still so
-        self._recent = [deque[Array](maxlen=AGREE) for a in graph.actuators]  # measured, while it isn't commanded
-        self._dt = float(1 / graph.profile.rate)
+        self._stamps = graph.row.devices[:, DEVICE.stamp]
+        self._recent = [deque[tuple[int, Array]](maxlen=AGREE) for a in graph.actuators]
         self._unfit: str | None = None  # the command that was said to be unfit last
 
     def restart(self, i: int) -> None:
@@ -54,14 +55,14 @@ class Feedback:
         for i, (actuator, monitor) in enumerate(zip(self._graph.actuators, self._monitors, strict=True)):
             link = self._links.item(actuator.device)
             if not link & LINK_ACTIVE:
-                if actuator.measured is not None:
-                    self._recent[i].append(actuator.measured.ravel().copy())
+                self._remember(i)
                 continue
+            self._recent[i].clear()
             if self._guards[i].misreported:
                 sent, applied = _numbers(actuator.sent), _numbers(actuator.applied)
                 text = f"'{actuator.name}': its driver reports {sent} as sent, which can't have been: it was {applied}"
                 fault = fault or Fault(Cause.DEVICE_FAULT, actuator.device)
-            elif monitor is not None and link & (_WELL | LINK_STALE) == _WELL and monitor.step(dt):
+            elif monitor is not None and link & _WELL == _WELL and monitor.step(dt, bool(link & LINK_STALE)):
                 text = self._behind(actuator, monitor)
                 fault = fault or Fault(Cause.FOLLOWING_ERROR, actuator.device)
             else:
@@ -91,7 +92,7 @@ class Feedback:
                     continue  # the guard itself refuses to start from what isn't finite
                 why = f"'{actuator.name}': not all of its joints are measured"
             elif not led and actuator.command.kind == "position" and not self._steady(k):
-                why = f"'{actuator.name}': its limb moves, or is measured now here, now there"
+                why = f"'{actuator.name}': its limb jumps, or is measured now here, now there"
             elif led and monitor is not None:
                 why = "" if monitor.fits() else self._behind(actuator, monitor)
             elif guard.held_in:
@@ -115,11 +116,22 @@ class Feedback:
         self._unfit = None
         return None
 
+    def _remember(self, i: int) -> None:
+        """Keeps the newest samples of what isn't commanded, with their times (ns)."""
+        actuator, recent = self._graph.actuators[i], self._recent[i]
+        stamp = self._stamps.item(actuator.device)
+        if actuator.measured is not None and stamp >= 0 and (not recent or recent[-1][0] != stamp):
+            recent.append((stamp, actuator.measured.ravel().copy()))
+
     def _steady(self, i: int) -> bool:
-        """Whether the newest measurements of a joint that isn't commanded lie within what it could be led to."""
-        recent = self._recent[i]
-        reach = SLACK["rad"] + SPEED * np.array(self._guards[i].max_velocity) * self._dt
-        return all(bool((np.abs(b - a) <= reach).all()) for a, b in pairwise(recent))
+        """Whether the newest samples of joints that aren't commanded agree on where they are."""
+        recent, command, speed = self._recent[i], self._graph.actuators[i].command, self._guards[i].max_velocity
+        slides, usual = command.slides or (), SLACK.get(command.unit, SLACK["rad"])
+        slack = np.array([SLACK["m"] if name in slides else usual for name in command.names] or usual)
+        return all(
+            bool((np.abs(after - before) <= slack + SPEED * np.array(speed) * min(t - s, _PAUSE) * 1e-9).all())
+            for (s, before), (t, after) in pairwise(recent)
+        )
 
     def _behind(self, actuator: Actuator, monitor: FollowingError) -> str:
         errors = monitor.errors()

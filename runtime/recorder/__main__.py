@@ -2,8 +2,8 @@
 
 The supervisor starts it, and starts it again with the same arguments if it dies.
 
-Exit codes: 0 if the merged recording is complete; 1 if it isn't, or if the segments were kept (stderr says why);
-2 if the arguments are wrong.
+Exit codes: 0 if the merged recording is complete; 1 if it isn't yet, and the segments were kept (stderr says why);
+2 if it isn't and another try would change nothing, or if the arguments are wrong.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from runtime.ipc.events import Event
 from runtime.ipc.layout import Words
 from runtime.recorder.stream import Stream
 from runtime.recording.framing import HEADER, strip, whole
-from runtime.recording.segments import GROWING, append, folder_of, numbered
+from runtime.recording.segments import GROWING, append, folder_of, is_at, numbered, write_again
 from runtime.recording.source import Source, last_row
 
 _TOGETHER = 2  # segments that become one piece, if so many wait: the more at once, the less time each takes
@@ -71,6 +71,10 @@ class Merger:
         try:
             if self._file is None and (segments or (self._ending and self.path.exists())):
                 self._open()
+            elif self._file is not None and not is_at(self._file, self.path):
+                copy = write_again(self._file, self.path)  # somebody deleted it, or moved it away
+                os.close(self._file)
+                self._file = copy
             if self._piece is not None:
                 self._add(self._piece)
             waiting = [segment for segment in segments if segment.exists()]

@@ -30,7 +30,7 @@ RETRY = 0.5  # s between attempts to write to a full disk
 LOOK = 60.0  # s between looks at what the folder needn't keep
 PATIENCE = 10.0  # s after the run's end during which the recorder waits for room on a full disk
 
-WELL, INCOMPLETE = 0, 1
+WELL, INCOMPLETE, FINAL = 0, 1, 2  # exit codes; FINAL: incomplete, and another try would change nothing
 
 
 class Recorder:
@@ -79,7 +79,7 @@ class Recorder:
             stored = self._record()
         finally:
             self._merger.hurry()
-            self._segments.close()
+            self._close()
             self._worker.shutdown()
         if not stored:
             say(f"the disk stayed full: new rows are in the ring, the rest in {self._folder}")
@@ -88,7 +88,7 @@ class Recorder:
             self._merger.finish()
         except RecordingError as error:
             say(str(error))
-            return INCOMPLETE
+            return FINAL if self._target.exists() or not self._ring.head else INCOMPLETE
         finally:
             self._merger.close()
             os.close(self._claim)
@@ -98,7 +98,7 @@ class Recorder:
         """Whether the recording holds every row that was made; the exit code."""
         if lost := self._ring.consumed - rows:  # also by a recorder before this one
             say(f"{self._target}: {rows} rows, {lost} were lost")
-            return INCOMPLETE
+            return FINAL
         return WELL
 
     def _finished(self) -> bool:
@@ -125,6 +125,8 @@ class Recorder:
                 say(f"{error} (it is tried again)")
             elif error is None and self._unmerged:
                 say(f"{self._folder}: merging again")
+            if error is None:
+                self._segments.merged(self._closed)
             self._unmerged = error is not None
         closed = self._segments.closed
         if not closed:
@@ -155,6 +157,13 @@ class Recorder:
             texts = [*texts[: NOTES - 1], more]
         for text in texts:
             send_note(self._run, text)
+
+    def _close(self) -> None:
+        """Ends the last segment."""
+        try:
+            self._segments.close()
+        except OSError as error:
+            say(f"{self._folder}: what was deleted there can't be written again ({error.strerror})")
 
     def _record(self) -> bool:
         """Takes rows until no more will follow. Returns False if there was no room for the last ones."""

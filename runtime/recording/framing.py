@@ -21,7 +21,7 @@ from runtime.contracts.errors import RecordingError
 
 HEADER = 12
 _MAGIC = b"RRF2"
-_MESSAGE = struct.Struct("<QQ")
+MESSAGE = struct.Struct("<QQ")
 _KINDS = range(1, 16)  # 1 store, 2 data, 3 blueprint; with room for more
 _END = 0
 _FOOTER = 32
@@ -32,11 +32,11 @@ def strip(stream: bytes | None) -> bytes:
     if stream is None:
         return b""
     at = HEADER
-    while at + _MESSAGE.size <= len(stream):
-        kind, length = _MESSAGE.unpack_from(stream, at)
+    while at + MESSAGE.size <= len(stream):
+        kind, length = MESSAGE.unpack_from(stream, at)
         if kind == _END:
             break
-        at += _MESSAGE.size + length
+        at += MESSAGE.size + length
     return stream[HEADER:at]
 
 
@@ -58,20 +58,20 @@ def whole(path: Path) -> int:
         if len(start) < HEADER or magic != _MAGIC:
             return 0
         end = HEADER
-        for kind, after in _walk(file, size):
+        for kind, after in walk(file, size):
             if kind == _END:
                 return size if after + _FOOTER == size and _has_footer(file, size) else end
             end = after
         return end
 
 
-def _walk(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
-    """Yields kind and end of each whole message. Stops before a torn or unknown message."""
+def walk(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
+    """Yields kind and end of each whole message of a file of `size` bytes. Stops before a torn or unknown message."""
     at = HEADER
-    while at + _MESSAGE.size <= size:
+    while at + MESSAGE.size <= size:
         file.seek(at)
-        kind, length = _MESSAGE.unpack(file.read(_MESSAGE.size))
-        at += _MESSAGE.size + length
+        kind, length = MESSAGE.unpack(file.read(MESSAGE.size))
+        at += MESSAGE.size + length
         if at > size or (kind != _END and kind not in _KINDS):
             return
         yield kind, at
@@ -105,7 +105,7 @@ def windows(path: Path, start: int, length: int, most: int = 32 << 20) -> Iterat
 
 
 def _windows(file: BinaryIO, start: int, length: int, most: int, scratch: int) -> Iterator[Window]:
-    ends = [end for kind, end in _walk(file, length) if kind != _END]
+    ends = [end for kind, end in walk(file, length) if kind != _END]
     if not ends:
         return
     head = ends[0]  # the header, and the message that says what is recorded

@@ -1,7 +1,8 @@
 """The files of a recording in progress: `FILE.rrd.segments/000001.rrd`, each readable by itself.
 
 `000000.rrd` is the recording itself as it grows: what was merged into it is in no other file any more. A batch is
-written with one `write`: a killed process leaves whole messages and at most one torn message.
+written with one `write`: a killed process leaves whole messages and at most one torn message. What somebody deletes or
+moves away during the run is written again, from the file that is still open.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
@@ -85,6 +87,7 @@ class Segments:
         self._prologue = prologue
         self._number = 0
         self._file: int | None = None
+        self._unmerged: dict[Path, int] = {}  # the descriptors of closed ones
         self._size = self._weight = 0
         self._begun, self._seconds = 0.0, FIRST
 
@@ -97,9 +100,10 @@ class Segments:
         Raises:
             OSError: the write failed; earlier data is unharmed.
         """
+        self._keep_all()
         if self._file is not None and (self._weight >= BYTES or time.monotonic() - self._begun >= self._seconds):
             self._seconds = SECONDS
-            self.close()
+            self._end()
         if self._file is None:
             self._begin()
         self._append(data)
@@ -111,30 +115,88 @@ class Segments:
         files = numbered(self.folder)
         return files if self._file is None else [file for file in files if int(file.stem) != self._number]
 
+    def merged(self, segments: Sequence[Path]) -> None:
+        """These are safe elsewhere."""
+        for segment in segments:
+            if (file := self._unmerged.pop(segment, None)) is not None:
+                os.close(file)
+
     def close(self) -> None:
-        """Ends the current file."""
+        """Ends the current file. Raises OSError if what was deleted can't be written again."""
+        try:
+            self._keep_all()
+        finally:
+            self._end()
+            self.merged(list(self._unmerged))
+
+    def _end(self) -> None:
         if self._file is not None:
-            os.close(self._file)
+            self._unmerged[self._path] = self._file
             self._file = None
+
+    @property
+    def _path(self) -> Path:
+        return self.folder / f"{self._number:06d}.rrd"
+
+    def _keep_all(self) -> None:
+        """Writes again what isn't in the folder any more, once the current segment isn't: a merged one never is."""
+        if self._file is None or is_at(self._file, self._path):
+            return
+        for path, file in [*self._unmerged.items(), (self._path, self._file)]:
+            if not is_at(file, path):
+                copy = write_again(file, path)
+                os.close(file)
+                if path in self._unmerged:
+                    self._unmerged[path] = copy
+                else:
+                    self._file = copy
 
     def _begin(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         # A name isn't used again: its segment may be being merged.
         self._number = max([self._number, *(int(file.stem) for file in listed(self.folder))]) + 1
-        path = self.folder / f"{self._number:06d}.rrd"
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
+        self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
         self._size = self._weight = 0
         self._begun = time.monotonic()
         try:
             self._append(self._prologue)
         except OSError:
-            self.close()
-            path.unlink()
+            os.close(self._file)
+            self._file = None
+            self._path.unlink()
             raise
 
     def _append(self, data: bytes) -> None:
         assert self._file is not None
         self._size = append(self._file, data, self._size)
+
+
+def is_at(file: int, path: Path) -> bool:
+    """Whether an open file is the one at this path."""
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def write_again(file: int, path: Path) -> int:
+    """Writes an open file that was deleted, or moved away, at `path` again. Returns the descriptor of the copy.
+
+    Raises:
+        OSError: something else is there, or it can't be written; then nothing of it is left there.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    copy = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
+    try:
+        at, size = 0, os.fstat(file).st_size
+        while at < size:
+            at += os.sendfile(copy, file, at, size - at)
+        os.fsync(copy)
+    except OSError:
+        os.close(copy)
+        path.unlink()
+        raise
+    return copy
 
 
 def append(file: int, data: bytes, size: int) -> int:

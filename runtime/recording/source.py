@@ -36,6 +36,7 @@ from runtime.recording.format import (
 )
 from runtime.recording.framing import Window, whole, windows
 from runtime.recording.segments import ENDING, listed
+from runtime.recording.sound import sound
 
 _MUCH = 64 << 20  # bytes of columns before rows are made of them
 _TAIL = 64 << 20  # bytes at a file's end that hold its last rows
@@ -144,7 +145,7 @@ class Source:
         """The chunks of a window; without the messages that a power failure or the disk has spoilt, which are cut."""
         try:
             return _decoded(window.path, file, named=window.start == 0)
-        except RuntimeError as error:  # rerun raises this for what it can't decode
+        except RuntimeError as error:
             reason = str(error).splitlines()[0]
         made: list[Chunk] = []
         with windows(held, window.start, window.end, 0) as found:
@@ -213,7 +214,9 @@ def column(batch: pa.RecordBatch, name: str) -> list[Any]:
 
 
 def _decoded(stream: Path, shown: Path, named: bool) -> list[Chunk]:
-    """The chunks of a stream of whole messages; `named`: it must be srl's. Raises RuntimeError."""
+    """The chunks of a stream of whole messages; `named`: it must be srl's. RuntimeError: rerun can't decode it."""
+    if not sound(stream):
+        raise RuntimeError("its data is damaged")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a stream correctly has no manifest at its end
         reader = rr.chunk.RrdReader(stream)

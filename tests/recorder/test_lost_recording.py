@@ -17,6 +17,7 @@ from helpers.wait import until
 
 from runtime.recorder import process
 from runtime.recorder.process import Recorder
+from runtime.recording import segments
 from runtime.recording.reader import read
 from runtime.recording.segments import folder_of, numbered
 from runtime.service.helpers import ATTEMPTS
@@ -40,7 +41,7 @@ def test_rows_that_were_lost_stay_lost_when_the_recorder_is_started_again(tmp_pa
     ring.finish()
     codes = [Recorder(run, out).run() for _ in range(ATTEMPTS)]
     assert np.array_equal(read(out).rows, expected(layout, 600)[344:])
-    assert codes == [process.INCOMPLETE] * ATTEMPTS
+    assert codes == [process.FINAL] * ATTEMPTS
     assert any("344" in line for line in said)
 
 
@@ -52,29 +53,40 @@ def test_a_recording_without_a_gap_is_still_complete_when_the_recorder_is_starte
     assert [Recorder(run, tmp_path / "out.rrd").run() for _ in range(2)] == [process.WELL] * 2
 
 
-def test_what_is_deleted_during_the_run_is_saved_or_said_to_be_missing(
-    tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("deleted", ["folder", "files", "moved"])
+@pytest.mark.parametrize("merged", [False, True])
+def test_what_is_deleted_during_the_run_is_written_again(
+    tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch, deleted: str, merged: bool
 ) -> None:
-    """As the supervisor does: the recorder is started again until it says that all is well, or often enough."""
     monkeypatch.setattr(process, "RETRY", 0.01)
+    monkeypatch.setattr(segments, "FIRST", 0.0)  # each batch is a segment of its own
+    monkeypatch.setattr(segments, "SECONDS", 0.0 if merged else 1e9)
     layout = make_layout(extra=4)
     run, ring, events = make_run(tmp_path / "run", layout, capacity=1024)
     out = tmp_path / "out.rrd"
+    folder = folder_of(out)
     with ThreadPoolExecutor(1) as thread:
         recorder = thread.submit(Recorder(run, out).run)
         try:
-            write_run(run, ring, events, layout, 700, AT_ONCE)
-            until(lambda: ring.consumed == 700)
-            shutil.rmtree(folder_of(out))
+            for at in range(0, 700, 100):
+                write_run(run, ring, events, layout, 100, AT_ONCE, first=at + 1)
+                until(lambda at=at: ring.consumed == at + 100)
+            if merged:
+                until((folder / segments.GROWING).exists)
+            if deleted == "folder":
+                shutil.rmtree(folder, ignore_errors=True)
+            elif deleted == "files":
+                for file in folder.glob("*.rrd"):
+                    file.unlink(missing_ok=True)
+            else:
+                folder.rename(tmp_path / "elsewhere")
             write_run(run, ring, events, layout, 700, AT_ONCE, first=701)
             until(lambda: ring.consumed == 1400)
         finally:
             ring.finish()
         code = recorder.result(60)
-    for _ in range(ATTEMPTS):
-        code = code and Recorder(run, out).run()
-    rows = read(out if out.exists() else folder_of(out)).rows
-    assert (code == process.WELL) == np.array_equal(rows, expected(layout, 1400)), (code, len(rows), said)
+    assert np.array_equal(read(out).rows, expected(layout, 1400))
+    assert code == process.WELL
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])
@@ -92,7 +104,7 @@ def test_what_appears_where_the_recording_is_to_be_is_left_alone_and_named(
     else:
         out.mkdir()
     codes = [recorder.run(), *(Recorder(run, out).run() for _ in range(ATTEMPTS))]
-    assert codes == [process.INCOMPLETE] * (1 + ATTEMPTS)
+    assert codes == [process.FINAL] * (1 + ATTEMPTS)
     assert out.is_dir() if kind == "folder" else out.read_text() == "precious"
     assert str(out) in said[-1]
     kept = read(folder_of(out))

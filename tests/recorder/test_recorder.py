@@ -23,7 +23,7 @@ from runtime.ipc.ring import RingReader
 from runtime.recorder import __main__ as command
 from runtime.recorder import process
 from runtime.recorder.merge import Merger
-from runtime.recorder.process import Recorder
+from runtime.recorder.process import FINAL, Recorder
 from runtime.recording.reader import read
 from runtime.recording.segments import folder_of, numbered
 
@@ -176,7 +176,7 @@ def test_what_a_recorder_lost_before_it_was_killed_is_told_at_the_end(
     make_segments(folder_of(out), layout, 200)
     RingReader(run.rows, marks=True).set_consumed(300)  # 201 to 300 were overwritten before it took them
     ring.finish()
-    assert Recorder(run, out).run() == 1
+    assert Recorder(run, out).run() == FINAL
     assert "300 rows, 100 were lost" in capsys.readouterr().err
     assert read(out).missing == [(201, 300)]
 
