@@ -11,6 +11,7 @@ enum { AGREE = 3 };
 enum { Q, W, WAY, COMMON, RATE_KEPT };
 #define RATE_MEMORY 0.5
 #define RATE_LATE 0.06
+#define RATE_MOST 2.0
 
 static int sample_step(double *const *a, int n, double dt, int flag) {
     const double *values = a[0], *limits = a[1];
@@ -41,6 +42,7 @@ const Law sample_check = {"sample-check", sample_step, sample_args};
 static int rate_step(double *const *a, int n, double dt, int flag) {
     const double *q = a[0], *w = a[1], *off = a[2];
     double *state = a[3], keep = most_of(0.0, 1.0 - dt / RATE_MEMORY), way[MOST_JOINTS], common[MOST_JOINTS];
+    int found = 0;
     (void)flag;
     if (n > MOST_JOINTS) return RARE;
     for (int i = 0; i < n; i++) {
@@ -52,13 +54,15 @@ static int rate_step(double *const *a, int n, double dt, int flag) {
             way[i] = s[WAY] * keep + (0.5 * (w[i] + s[W]) * dt - went);
             common[i] = most_of(s[COMMON] * keep, both);
         }
-        if (!(fabs(way[i]) <= off[i] + RATE_LATE * common[i])) return i + 1;
+        double most = off[i] + RATE_LATE * common[i];
+        if (!found && !(fabs(way[i]) <= most)) found = i + 1;
+        way[i] = least_of(most_of(way[i], -RATE_MOST * most), RATE_MOST * most);
     }
     for (int i = 0; i < n; i++) {
         double *s = state + RATE_KEPT * i;
         if (isfinite(q[i]) && isfinite(w[i])) s[Q] = q[i], s[W] = w[i], s[WAY] = way[i], s[COMMON] = common[i];
     }
-    return DONE;
+    return found;
 }
 
 static const Arg rate_args[] = {

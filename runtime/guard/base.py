@@ -66,6 +66,7 @@ class CommandGuard(ABC):
         held_in: the command has a position limit.
         at_rest: the present stop is complete.
         blind: the measurements are old. The runtime sets it; the guard then makes no decision based on them.
+        stamp: ns, when they were taken; the runtime sets it. None: in each cycle anew.
         verified: asks the clearance of `keep_clear`; None without one.
         fast: computes its ordinary cycles in C; None: Python computes all.
     """
@@ -152,6 +153,7 @@ class CommandGuard(ABC):
         self._velocity: Array | None = None
         self._ready = self._led = self._stopping = False
         self.blind = False
+        self.stamp: int | None = None
         self.verified: VerifiedStop | None = None
         self.fast: Fast | None = None
         self._prepare(limits)

@@ -11,6 +11,7 @@ from runtime.contracts.signals import Array
 
 MEMORY: Final = 0.5  # s, in which a difference of the two ways is forgotten
 OFF: Final = {"rad/s": 0.05, "m/s": 0.01}  # rad or m, by which the ways may differ: noise, resolution
+MOST: Final = 2.0  # times what is normal: more isn't remembered, so that one which is right again soon counts
 LATE: Final = 0.06  # s of motion, at most, by which they differ: a filter, a scale that is off by a tenth
 
 
@@ -44,10 +45,7 @@ class RateCheck:
         self._state[:, :2] = np.nan
 
     def step(self, dt: float) -> int:
-        """Judges the sample, dt s after the newest good one. Returns an element that is wrong, or -1.
-
-        After a wrong one nothing has changed.
-        """
+        """Judges the sample, dt s after the one before. Returns an element that is wrong, or -1."""
         if (found := self._step(dt, False)) >= 0:
             return found - 1
         q, w = self._position, self.velocity
@@ -61,8 +59,8 @@ class RateCheck:
             common = np.maximum(common * keep, both)
         began = known & ~np.isfinite(before)
         new[began] = common[began] = 0.0
-        wrong = known & ~(np.abs(new) <= self._off + LATE * common)
-        if wrong.any():
-            return int(np.argmax(wrong))
+        most = self._off + LATE * common
+        wrong = known & ~(np.abs(new) <= most)
+        new = np.clip(new, -MOST * most, MOST * most)
         self._state[known] = np.stack([q, w, new, common], axis=1)[known]
-        return -1
+        return int(np.argmax(wrong)) if wrong.any() else -1

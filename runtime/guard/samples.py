@@ -144,6 +144,7 @@ class SampleCheck:
         self._state[:, _AGE:] = 0.0
         self._stamp = self._seen = -1  # of the newest one taken, of the newest one that came
         self._newest = self._came = self._called = -1  # ns, when those came, and the last call
+        self._rated = -1  # ns, when the newest one came whose velocity was judged
         self._usual = 0.0  # s between two samples
         self._taken = 0  # samples, AGREE at most
         self._line = 0  # samples in a row that are a smooth motion
@@ -178,7 +179,7 @@ class SampleCheck:
             if step(min(full, usual), new) < 0 and not self._judge(piece.ravel(), rows, full, usual, gap, new):
                 break
         if self.odd is None and new and self._taken >= AGREE:
-            self._judge_rates(full)
+            self._judge_rates(now)
         if self.odd is not None:
             self.refused += 1
             if before is not None:  # what was right of it isn't taken either
@@ -246,9 +247,10 @@ class SampleCheck:
             state[unsure, _TAKEN] = values[unsure] = np.nan
         return self.odd is None
 
-    def _judge_rates(self, dt: float) -> None:
+    def _judge_rates(self, now: int) -> None:
+        dt, self._rated = (now - self._rated) * 1e-9, now
         for signal, rate in self._rates:
-            if self.jumped or dt >= LONGEST:  # said, or long stale
+            if self.jumped or dt > LONGEST:  # it is said, or nothing came for long
                 rate.restart()
             if (i := rate.step(dt)) >= 0:
                 value, element = float(rate.velocity[i]), element_name(signal, i)

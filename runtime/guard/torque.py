@@ -19,7 +19,7 @@ LAG = 4  # periods of delay from a velocity to its torque that a damped joint su
 STILL = 0.02  # of the velocity limit: a slower joint is at rest
 SPAN = 0.1  # s of damping at least in which a joint's own motion becomes slower by SLOWS, or something else moves it
 LONGEST_SPAN = 1.0  # s: what hardly damps doesn't end a stop by being waited for
-CONFIRM = 3  # cycles in a row in which a joint's motion is over before it is held: one sample alone shows nothing
+CONFIRM = 3  # samples in a row in which a joint's motion is over before it is held: one sample alone shows nothing
 SLOWS = 0.05  # share of the mean speed
 TAKES = 2.0  # of I/d at least, too: a joint that moves 20 times its least inertia slows by 2 SLOWS in that
 
@@ -105,7 +105,7 @@ class TorqueGuard(CommandGuard):
     then a hand or a load moves it on. A span is SPAN, and longer where damping takes longer: at a low rate, or where
     the effort is small. So `damp` is complete while a hand leads the limb, and `hold` doesn't creep under
     a steady force. What a hand lets go moves by itself again. A joint is held once its motion is over in CONFIRM
-    cycles in a row, at the median of where it was in them: so no single sample, however wrong, moves it.
+    samples in a row, at the median of where it was in them: so no single sample, however wrong, moves it.
     """
 
     needs = ("velocity", "effort", "effort_rate", "inertia")
@@ -129,6 +129,7 @@ class TorqueGuard(CommandGuard):
         ]
         self._spans = list(map(Span, self._lengths))
         self._places: list[list[float]] = [[] for _ in range(self.size)]  # where it was while its motion is over
+        self._noted: list[int | None] = [None] * self.size  # when the newest of those was measured
 
     def keep_clear(
         self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
@@ -205,10 +206,12 @@ class TorqueGuard(CommandGuard):
             self._places = [[] for _ in range(self.size)]
 
     def _note(self, i: int, q: float) -> None:
-        """Keeps where a joint was in the newest cycles in which its own motion is over."""
+        """Keeps where a joint was in the newest samples in which its own motion is over."""
         places = self._places[i]
         if self._over(i):
-            places.append(q)
+            if self.stamp is None or self.stamp != self._noted[i]:
+                places.append(q)
+                self._noted[i] = self.stamp
             del places[:-CONFIRM]
         else:
             places.clear()

@@ -88,7 +88,7 @@ class Cycle:
         self.guards = make_guards(graph, limits)
         self._backends = Backends(graph, self.guards, backend)
         self._ints = graph.row.ints
-        self._links = graph.row.devices[:, DEVICE.link]
+        self._links, self._stamps = graph.row.devices[:, DEVICE.link], graph.row.devices[:, DEVICE.stamp]
         self._faults = FaultFinder(graph, self._lost, self.machine.watch)
         self._departures = Departures(graph, self.guards, report)
         self._feedback = Feedback(graph, limits, self.guards, report)
@@ -274,6 +274,7 @@ class Cycle:
             category = self.category(actuator)
             # With an old measured velocity, damping would drive the joint, and retracting would never arrive.
             guard.blind = bool(link & LINK_STALE)
+            guard.stamp = self._stamps.item(actuator.device)
             if guard.verified is not None:
                 self._lookouts[i].look(guard.verified, self._ran)
             if state is State.ACTIVE:
