@@ -8,10 +8,11 @@
 enum { LOW, HIGH, SLACK, SPEED, WIDE };
 enum { LAST, BEFORE, EARLIER, TAKEN, AGE, AGREED, KEPT };
 enum { AGREE = 3 };
-enum { Q, W, WAY, COMMON, RATE_KEPT };
+enum { Q, W, WAY, COMMON, OWN, WRONG, RATE_KEPT };
 #define RATE_MEMORY 0.5
 #define RATE_LATE 0.06
-#define RATE_MOST 2.0
+#define RATE_MOST 1.5
+#define RATE_SMOOTH 0.01
 
 static int sample_step(double *const *a, int n, double dt, int flag) {
     const double *values = a[0], *limits = a[1];
@@ -41,26 +42,24 @@ const Law sample_check = {"sample-check", sample_step, sample_args};
 
 static int rate_step(double *const *a, int n, double dt, int flag) {
     const double *q = a[0], *w = a[1], *off = a[2];
-    double *state = a[3], keep = most_of(0.0, 1.0 - dt / RATE_MEMORY), way[MOST_JOINTS], common[MOST_JOINTS];
+    double keep = most_of(0.0, 1.0 - dt / RATE_MEMORY), share = dt / (dt + RATE_SMOOTH);
     int found = 0;
     (void)flag;
-    if (n > MOST_JOINTS) return RARE;
     for (int i = 0; i < n; i++) {
-        const double *s = state + RATE_KEPT * i;
-        if (!isfinite(q[i]) || !isfinite(w[i])) continue;
-        way[i] = common[i] = 0.0;
-        if (isfinite(s[Q])) {
-            double went = q[i] - s[Q], both = dt > 0.0 ? least_of(fabs(w[i]), fabs(went) / dt) : 0.0;
-            way[i] = s[WAY] * keep + (0.5 * (w[i] + s[W]) * dt - went);
-            common[i] = most_of(s[COMMON] * keep, both);
+        double *s = a[3] + RATE_KEPT * i;
+        int known = isfinite(q[i]) && isfinite(w[i]);
+        s[WAY] *= keep, s[COMMON] *= keep;
+        if (known && isfinite(s[Q]) && dt > 0.0) {
+            double went = q[i] - s[Q], speed = went / dt;
+            s[WAY] += 0.5 * (w[i] + s[W]) * dt - went;
+            s[COMMON] = most_of(s[COMMON], least_of(fabs(w[i]), fabs(went) / dt));
+            s[OWN] += (speed - s[OWN]) * share;
         }
-        double most = off[i] + RATE_LATE * common[i];
-        if (!found && !(fabs(way[i]) <= most)) found = i + 1;
-        way[i] = least_of(most_of(way[i], -RATE_MOST * most), RATE_MOST * most);
-    }
-    for (int i = 0; i < n; i++) {
-        double *s = state + RATE_KEPT * i;
-        if (isfinite(q[i]) && isfinite(w[i])) s[Q] = q[i], s[W] = w[i], s[WAY] = way[i], s[COMMON] = common[i];
+        double most = off[i] + RATE_LATE * s[COMMON];
+        s[WRONG] = known && !(fabs(s[WAY]) <= most);
+        if (s[WRONG] && !found) found = i + 1;
+        s[WAY] = least_of(most_of(s[WAY], -RATE_MOST * most), RATE_MOST * most);
+        s[Q] = known ? q[i] : NAN, s[W] = known ? w[i] : NAN;
     }
     return found;
 }

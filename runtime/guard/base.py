@@ -12,7 +12,7 @@ import numpy as np
 from runtime.contracts.clearance import Clearance
 from runtime.contracts.errors import DeviceError, WiringError
 from runtime.contracts.signals import Array, Command, Kind, Limits, Stop
-from runtime.guard.sent import SentTracker
+from runtime.guard.sent import SentTracker, rounding
 from runtime.guard.verified import VerifiedStop
 
 LONGEST = 5  # periods: a longer pause is not made up for, the motion continues from where the device is
@@ -278,8 +278,10 @@ class CommandGuard(ABC):
             if self.fast is not None:
                 self.fast.leave()
             self._seat(self._tracker.seats, parted)
-            self.reseated = True
-            self.reseats += 1
+            # In a replay by other code all last bits differ: those are taken over, and nothing has parted.
+            seats, tracker = self._tracker.seats, self._tracker
+            self.reseated = tracker.stalled or any(abs(seats[i] - applied[i]) > rounding(applied[i]) for i in parted)
+            self.reseats += self.reseated
 
     @property
     def misreported(self) -> bool:

@@ -39,7 +39,8 @@ class FollowingError:
     measured for some cycles is made up for later. A torque says nothing of where the limb should be: it has none.
 
     The time beyond the window is added up, and goes back at a quarter of its speed within it: so a limb that swings
-    through its window is found. A cycle counts as a quarter of the time-out at most: no single one is enough.
+    through its window is found. A cycle in which it isn't measured counts for a quarter. One counts as a quarter of the
+    time-out at most: no single one is enough.
 
     Attributes:
         window: (size,), in the unit of the position: the largest error that is normal.
@@ -96,8 +97,11 @@ class FollowingError:
             found = self._compute(dt, dt > most)
         if stale:
             self._for = 0.0
+        elif not found:
+            self._for = max(self._for - dt * BACK, 0.0)
         else:
-            self._for = self._for + min(dt, most) if found else max(self._for - dt * BACK, 0.0)
+            known = bool(np.isfinite(self._measured).all())
+            self._for += min(dt, most) * (1.0 if known else BACK)
         self.exceeded = bool(found) and self._for > self.timeout
         return self.exceeded
 

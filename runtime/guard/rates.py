@@ -11,30 +11,34 @@ from runtime.contracts.signals import Array
 
 MEMORY: Final = 0.5  # s, in which a difference of the two ways is forgotten
 OFF: Final = {"rad/s": 0.05, "m/s": 0.01}  # rad or m, by which the ways may differ: noise, resolution
-MOST: Final = 2.0  # times what is normal: more isn't remembered, so that one which is right again soon counts
 LATE: Final = 0.06  # s of motion, at most, by which they differ: a filter, a scale that is off by a tenth
+MOST: Final = 1.5  # times what is normal: more isn't remembered, so that one which is right again soon counts
+SMOOTH: Final = 0.01  # s, time constant of the position's own speed
+LASTS: Final = 0.3  # s, longer than what one wrong sample leaves behind: then the device is at fault
 
 
 class RateCheck:
     """Compares the way that a velocity says with the way that the position went, by element.
 
     Both are forgotten with the time constant MEMORY. They may differ by OFF, and by LATE times the greatest speed that
-    both agree on. What is wrong by less, for ever, isn't found: 0.1 rad/s, or 12 % of a joint's speed.
+    both agree on. What is wrong by less, for ever, isn't found: 0.1 rad/s, or 12 % of a joint's speed. A velocity that
+    is wrong is replaced by the speed of the position, smoothed: what relies on it goes on.
 
     Attributes:
-        velocity: (n,), of the newest sample.
+        wrong_for: s for which a velocity has been wrong.
     """
 
     def __init__(self, position: Array, velocity: Array, unit: str) -> None:
         """
         Args:
             position: (n,), of the same joints in the same order.
-            velocity: (n,).
+            velocity: (n,), replaced where it is wrong.
             unit: of the velocity.
         """
-        self.velocity, self._position = velocity, position
-        # By element: the position and the velocity before, velocity's way less position's, the greatest common speed.
-        self._state = np.zeros((velocity.size, 4))
+        self._velocity, self._position = velocity, position
+        # By element: the position and the velocity before, velocity's way less position's, the greatest common speed,
+        # the speed of the position, whether the velocity is wrong.
+        self._state = np.zeros((velocity.size, 6))
         self._off = np.full(velocity.size, OFF.get(unit, OFF["rad/s"]))
         self._step = bind_or_python("rate-check", position, velocity, self._off, self._state)
         self.restart()
@@ -43,24 +47,38 @@ class RateCheck:
         """Begins with the next sample."""
         self._state[:] = 0.0
         self._state[:, :2] = np.nan
+        self.wrong_for = 0.0
 
     def step(self, dt: float) -> int:
-        """Judges the sample, dt s after the one before. Returns an element that is wrong, or -1."""
-        if (found := self._step(dt, False)) >= 0:
-            return found - 1
-        q, w = self._position, self.velocity
-        before, speed, way, common = self._state.T
-        keep = max(0.0, 1.0 - dt / MEMORY)
+        """Judges a sample that came dt s after the one before. Returns an element that is wrong, or -1."""
+        if (found := self._step(dt, False)) < 0:
+            found = self._compute(dt)
+        self.wrong_for = self.wrong_for + dt if found else 0.0
+        return found - 1
+
+    def replace(self) -> None:
+        """Puts the speed of the position where the velocity is wrong."""
+        wrong = self._state[:, 5] != 0.0
+        self._velocity[wrong] = self._state[wrong, 4]
+
+    def _compute(self, dt: float) -> int:
+        """What C does, in Python: one more than an element that is wrong, 0 for none."""
+        q, w = self._position, self._velocity
+        before, speed, way, common, own, _ = self._state.T
+        keep, share = max(0.0, 1.0 - dt / MEMORY), dt / (dt + SMOOTH)
         known = np.isfinite(q) & np.isfinite(w)
-        with np.errstate(invalid="ignore", over="ignore"):
+        goes_on = known & np.isfinite(before) & (dt > 0.0)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             went = q - before
-            both = np.minimum(np.abs(w), np.abs(went) / dt) if dt > 0.0 else np.zeros(q.size)
-            new = way * keep + (0.5 * (w + speed) * dt - went)
-            common = np.maximum(common * keep, both)
-        began = known & ~np.isfinite(before)
-        new[began] = common[began] = 0.0
+            new = way * keep
+            new[goes_on] = new[goes_on] + (0.5 * (w + speed) * dt - went)[goes_on]
+            common = common * keep
+            common[goes_on] = np.maximum(common, np.minimum(np.abs(w), np.abs(went) / dt))[goes_on]
+            own = own.copy()
+            own[goes_on] = own[goes_on] + ((went / dt - own) * share)[goes_on]
         most = self._off + LATE * common
         wrong = known & ~(np.abs(new) <= most)
         new = np.clip(new, -MOST * most, MOST * most)
-        self._state[known] = np.stack([q, w, new, common], axis=1)[known]
-        return int(np.argmax(wrong)) if wrong.any() else -1
+        self._state[:, 0], self._state[:, 1] = np.where(known, q, np.nan), np.where(known, w, np.nan)
+        self._state[:, 2:] = np.stack([new, common, own, wrong], axis=1)
+        return int(np.argmax(wrong)) + 1 if wrong.any() else 0

@@ -16,7 +16,7 @@ import numpy as np
 from runtime.contracts.compiled import bind_or_python
 from runtime.contracts.plausible import plausible
 from runtime.contracts.signals import Array, Signal
-from runtime.guard.rates import RateCheck
+from runtime.guard.rates import LASTS, RateCheck
 
 # What a step of two samples may be beside the motion: noise, backlash, a sample that came late.
 SLACK: Final = {"rad": 0.02, "m": 0.005, "m, rad": 0.05, "1": 0.02}
@@ -51,6 +51,7 @@ class SampleCheck:
         jumped: the newest sample was taken, though it is further from the one before than the joint can have moved:
             `AGREE` in a row say so. The joint, or what measures it, isn't what it was.
         settled: enough samples have agreed since the device was opened.
+        untrue: a measured velocity hasn't been that of its position for long; "" otherwise. It is replaced meanwhile.
         refused: number of samples that weren't taken.
         last: what was last said of an odd sample.
     """
@@ -72,11 +73,12 @@ class SampleCheck:
             at += s.size
         self._state = np.full((size, 6), np.nan)
         self._moves: list[int] = []  # elements whose steps are judged
-        self._rates: list[tuple[Signal, RateCheck]] = []
+        self._rates: list[tuple[Signal, slice, RateCheck]] = []
         self._joints = np.zeros(size, bool)  # of those, the commanded ones
         self.odd: Odd | None = None
         self.last = ""
         self.refused = 0
+        self.untrue = self._why = ""
         self.forget()
         self._bind()
 
@@ -128,9 +130,12 @@ class SampleCheck:
 
     def compare(self, position: str, velocity: str) -> None:
         """From now on the velocity of this name must be that of the position of this name; see `RateCheck`."""
-        arrays = {s.name: self._arrays[s.name].reshape(-1) for s in self._signals}
-        signal = next(s for s in self._signals if s.name == velocity)
-        self._rates.append((signal, RateCheck(arrays[position], arrays[velocity], signal.unit)))
+        at = 0
+        for s in self._signals:
+            if s.name == velocity:
+                way, speed = (self._arrays[name].reshape(-1) for name in (position, velocity))
+                self._rates.append((s, slice(at, at + s.size), RateCheck(way, speed, s.unit)))
+            at += s.size
 
     @property
     def settled(self) -> bool:
@@ -149,7 +154,8 @@ class SampleCheck:
         self._taken = 0  # samples, AGREE at most
         self._line = 0  # samples in a row that are a smooth motion
         self.odd, self.jumped = None, False
-        for _, rate in self._rates:
+        self.untrue = self._why = ""
+        for _, _, rate in self._rates:
             rate.restart()
 
     def take(self, stamp: int, now: int) -> bool:
@@ -174,12 +180,10 @@ class SampleCheck:
         full = min(past * 1e-9, LONGEST)
         usual, gap = self._intervals(now, new, cycle)
         self.odd, self.jumped = None, False
-        before = self._state.copy() if self._rates or len(self._steps) > 1 else None
+        before = self._state.copy() if len(self._steps) > 1 else None
         for step, piece, rows in self._steps:
             if step(min(full, usual), new) < 0 and not self._judge(piece.ravel(), rows, full, usual, gap, new):
                 break
-        if self.odd is None and new and self._taken >= AGREE:
-            self._judge_rates(now)
         if self.odd is not None:
             self.refused += 1
             if before is not None:  # what was right of it isn't taken either
@@ -190,6 +194,8 @@ class SampleCheck:
             self._taken = min(self._taken + 1, AGREE)
             self._newest = now
         self._stamp = stamp
+        if self._rates:
+            self._judge_rates(now, new)
         return True
 
     def _intervals(self, now: int, new: bool, cycle: int) -> tuple[float, float]:
@@ -247,17 +253,23 @@ class SampleCheck:
             state[unsure, _TAKEN] = values[unsure] = np.nan
         return self.odd is None
 
-    def _judge_rates(self, now: int) -> None:
-        dt, self._rated = (now - self._rated) * 1e-9, now
-        for signal, rate in self._rates:
-            if self.jumped or dt > LONGEST:  # it is said, or nothing came for long
-                rate.restart()
-            if (i := rate.step(dt)) >= 0:
-                value, element = float(rate.velocity[i]), element_name(signal, i)
-                why = f"{value:.6g} {signal.unit} isn't how fast its position changes"
-                self.odd = Odd(signal.name, element, value, why)
-                self.last = f"{signal.name}{f'[{element}]' if element else ''} {why}"
-                return
+    def _judge_rates(self, now: int, new: bool) -> None:
+        dt, self.untrue = (now - self._rated) * 1e-9, ""
+        for signal, rows, rate in self._rates:
+            if new:
+                if self.jumped or dt > LONGEST:  # it is said, or nothing came for long
+                    rate.restart()
+                i = rate.step(dt)
+            if rate.wrong_for > 0.0:
+                if new:
+                    name, value = element_name(signal, i), float(self._state[rows.start + i, _TAKEN])
+                    self._why = f"{signal.name}[{name}] {value:.3g} {signal.unit} isn't how fast its position changes"
+                rate.replace()
+                self._state[rows, _TAKEN] = self._arrays[signal.name].reshape(-1)
+                if rate.wrong_for > LASTS:
+                    self.untrue = self._why
+        if new:
+            self._rated = now
 
     def _name(self, at: int, values: Array, i: int, limits: Array, state: Array, outside: bool, dt: float) -> None:
         signal, element = self._element(at)

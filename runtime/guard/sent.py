@@ -7,6 +7,11 @@ from math import isfinite, nan
 from runtime.contracts.signals import Kind
 
 
+def rounding(value: float) -> float:
+    """By how much a value may differ that was computed by other code, as in a replay."""
+    return 1e-9 * max(1.0, abs(value))
+
+
 class SentTracker:
     """Follows one command; see `CommandGuard.reseat` and docs/guard.md, "What was sent".
 
@@ -66,7 +71,8 @@ class SentTracker:
                 continue
             # A device that rounds may hold what is applied without being sent anything. But in a stall, being near
             # to what was sent shows nothing, as the guard has begun there: until a command leaves, it isn't taken.
-            taken = (near or late) and (left or unsent[i] <= self._patience)
+            spare = r + rounding(a)
+            taken = (abs(s - a) <= spare or abs(s - before) <= spare) and (left or unsent[i] <= self._patience)
             if taken:
                 unsent[i] = dt if near else dt + dt_before
                 low[i], high[i] = (a, a) if near else (min(a, before), max(a, before))
@@ -107,4 +113,5 @@ class SentTracker:
         """
         if self._kind is not Kind.POSITION:
             low, high = min(low, 0.0), max(high, 0.0)
-        return low if sent < low else high if sent > high else sent
+        spare = rounding(sent)
+        return low if sent < low - spare else high if sent > high + spare else sent

@@ -76,7 +76,7 @@ class Device:
         self._reopener: threading.Thread | None = None
         self._next_try = 0
         self._samples = SampleCheck(driver.states, driver.state_arrays)
-        self._stamp = -1  # of the newest sample that was taken
+        self._stamp = self._given = -1  # of the newest sample that was taken: that in the row, its driver's
         self._left = -1  # of the sample that it left behind when it was lost
         self._jump = ""  # a fault: where it is measured isn't where it can have moved to
         self._said = -SAID  # ns, when it was last reported that a sample isn't taken
@@ -140,8 +140,14 @@ class Device:
         """Takes the sample that the driver has read, unless it can't be true; then the one before stays."""
         samples, name = self._samples, self.driver.name
         if samples.take(self.driver.health.stamp, now):
-            if samples.settled:  # a stamp that lies ahead would hide a silence
-                self._stamp = min(self.driver.health.stamp, now)
+            if samples.settled and self._given != (stamp := self.driver.health.stamp):
+                self._given, self._stamp = stamp, min(stamp, now)  # one that lies ahead would hide a silence
+            if samples.untrue and not self._jump:
+                if self.active:
+                    self._jump = samples.untrue
+                elif now - self._said >= SAID:
+                    self._said = now
+                    self._report(f"'{name}': {samples.untrue}")
             if samples.jumped:
                 text = f"it jumped: {samples.last}"
                 if self.active:
@@ -243,7 +249,8 @@ class Device:
         self.lost = True
         self._failing.clear()
         self._samples.forget()
-        self._stamp, self._left, self._jump = -1, self.driver.health.stamp, ""
+        self._stamp = self._given = -1
+        self._left, self._jump = self.driver.health.stamp, ""
         self._next_try = now + round(RETRY * 1e9)
         self._report(f"lost {reason}")
         self.on_loss(self)

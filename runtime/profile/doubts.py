@@ -43,7 +43,8 @@ TURN: Final = 2 * pi + 1e-3  # rad; a joint's range may be a turn both ways
 ROOM: Final = 20.0  # m
 REACH: Final = 3.0  # m, of what is on a limb: a tool, a centre of mass
 NEAR: Final = 1.0  # m, by which a mount may be off
-FAST: Final = {"rad": 50.0, "m": 20.0}  # a second; servos turn by 10 rad/s
+FAST: Final = {"rad": 25.0, "m": 10.0}  # a second; servos turn by 10 rad/s, and a base's speeds are in both
+FAR: Final = 1.0  # rad or m: a limb that is further from its command follows nothing
 PERSON: Final = 150.0  # kg
 _UNIT: Final = re.compile(r"(rad|m|kg)(?![\w/^*]| m\b)(?! (?:and|s)\b)")
 
@@ -73,16 +74,23 @@ def doubts(
         for key in ("lower", "upper"):
             for place, value in _numbers(getattr(limits, key, None), f"guard.{name}.{key}"):
                 units += _doubt(place, value, unit)
+        unit = "m" if unit == "m/s, rad/s" else unit
         for place, value in _numbers(limits.velocity, f"guard.{name}.velocity"):
             if unit in FAST and FAST[unit] < abs(value) < inf:
                 what, meant = ("degrees", radians(value)) if unit == "rad" else ("millimetres", value / 1000)
                 asked = f"Are these {what}? {value:g} {what} a second are {meant:.4g} {unit}/s"
                 units.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
+        window = getattr(limits.following_error, "window", None)
+        for place, value in _numbers(window, f"guard.{name}.following_error.window"):
+            if value > FAR:
+                units.append((place, f"{value:g} rad or m is no limb that follows. Are these degrees or millimetres?"))
+    idle = [each for each in profile.meant if not any(_within(place, (each,)) for place, _ in units)]
     units = [(place, text) for place, text in units if not _within(place, profile.meant)]
     if units and any(d.commands and d.name not in simulated for d in devices):
         place, text = units[0]
         raise WiringError(source.place(place), text, f"Correct it; if it is meant so, add `meant: [{place}]`")
     found = units
+    found += [(f"meant.{i}", f"{each}: there is no number in doubt") for i, each in enumerate(idle)]
     found += _of_simulation(profile, laws, simulated)
     found += [
         (f"devices.{d.name}.{d.simulated}", "it was made in simulation, and the device is real: calibrate")
@@ -110,8 +118,8 @@ def doubts(
 
 
 def _within(place: str, meant: tuple[str, ...]) -> bool:
-    """Whether a place is one of these, or in one of them."""
-    return any(place == each or place.startswith(f"{each}.") for each in meant)
+    """Whether a place is one of these, or an element of one of them."""
+    return any(each in (place, place.rpartition(".")[0]) for each in meant)
 
 
 def _position_unit(command: Command | None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, field_validator
 
 from runtime.contracts.entry import BaseModel
 from runtime.contracts.errors import OptionError, WiringError
@@ -47,15 +47,22 @@ class FollowingEntry(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     window: Positive | list[Positive] | dict[str, Positive] | None = Field(
-        None, description="rad or m; None: what the driver says of its device"
+        None, description="rad or m; None: what the driver says. For a velocity, its lag's way comes to it"
     )
-    timeout: float = Field(0.5, gt=0, le=60, description="s that an error beyond the window may last")
+    timeout: float = Field(0.5, ge=0.02, le=60, description="s that an error beyond the window may last")
 
 
 class GuardEntry(GuardLimits):
     """`guard.<command>`."""
 
     following_error: FollowingEntry | Literal["off"] = FollowingEntry()
+
+    @field_validator("following_error", mode="before")
+    @classmethod
+    def _window_or_off(cls, given: Any) -> Any:
+        if given == "off" or isinstance(given, dict | FollowingEntry):
+            return given
+        raise OptionError(f"{given!r} isn't a following error", "Give {window: ..., timeout: ...}, or off: no check")
 
     def window(self, command: Command, place: str) -> Array | None:
         """(size,): the window of the following error; None: the profile gives none, or it is `off`.

@@ -66,20 +66,19 @@ def written(path: str, moved: dict[str, str]) -> str:
     return path
 
 
-_OWN = ("function-", "literal", "is-instance", "tagged-")  # what pydantic adds to a key path
+_OWN = ("function-", "literal", "is-instance", "tagged-", "str-enum")  # what pydantic adds to a key path
+_CHOICES = ("enum", "literal_error")
 
 
 def first_error(error: ValidationError, source: Source, prefix: str, model: type[BaseModel]) -> ProfileError:
     """Converts pydantic's first error to a ProfileError."""
     # A misspelt key causes two errors: the unknown key says more than the missing one.
     item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    location = [
-        str(part)
-        for part in item["loc"]
-        if not str(part).startswith(("function-", "literal", "is-instance", "tagged-"))
-    ]
+    location = _location(item["loc"])
     path = ".".join([prefix, *location] if prefix else location)
-    more = f" ({error.error_count() - 1} more after this one)" if error.error_count() > 1 else ""
+    words = [e["ctx"]["expected"] for e in error.errors() if e["type"] in _CHOICES and _location(e["loc"]) == location]
+    others = error.error_count() - max(len(words), 1)
+    more = f" ({others} more after this one)" if others else ""
     if item["type"] == "extra_forbidden":
         known = _known_keys(model, location[:-1])
         return ProfileError(
@@ -91,11 +90,17 @@ def first_error(error: ValidationError, source: Source, prefix: str, model: type
     if isinstance(cause, OptionError):
         return ProfileError(source.place(path), f"{cause.problem}{more}", cause.remedy)
     message = item["msg"].removeprefix("Value error, ")
+    if len(words) > 1:
+        message = f"input should be {' or '.join(words)}"
     value = item.get("input")
     huge = isinstance(value, int) and value.bit_length() > 1000  # Python doesn't write such a number
     plain = isinstance(value, str | int | float | bool) or value is None
     shown = f", not {repr(value)[:200]}" if plain and not huge else ""
     return ProfileError(source.place(path), f"{message[0].lower()}{message[1:]}{shown}{more}", "Correct the value")
+
+
+def _location(loc: tuple[int | str, ...]) -> list[str]:
+    return [str(part) for part in loc if not str(part).startswith(_OWN)]
 
 
 def _known_keys(model: type[BaseModel], location: list[str]) -> list[str]:
