@@ -114,7 +114,9 @@ def test_one_force_beyond_the_sensor_moves_no_arm(wrong: float) -> None:
         with Lab("kairos-man", ["sim.start=auto"]) as run:
             glitch = Glitch(run, "sensor", "wrench", 2, lambda v, value=value: v + value)  # type: ignore[misc]
             run.until("active", most=20)
-            run.step(200)
+            while not run.history("keys.modes")[-1].any():  # till then nobody guides the arm
+                run.step(50)
+            run.step(400)
             glitch.due = True
             run.step(200)
             assert not glitch.due

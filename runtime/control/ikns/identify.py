@@ -19,7 +19,10 @@ from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body, Marker, Side
 
 _FRAMES: Final = 100  # of the trial that are used, at most
-_BENT: Final = np.deg2rad(20.0)  # an elbow that is straighter doesn't show the axis about which it bends
+# An elbow that is straighter hardly shows the axis about which it bends: with markers of the average body the rotation
+# of the shoulder is off by 3 degrees at a bend of 60 or more, by 10 at 30, by 17 at 20, by 33 at 10.
+LEAST_BEND: Final = float(np.deg2rad(20.0))
+_STRAIGHT: Final = float(np.deg2rad(12.0))  # the chord rule finds about as much in any straight arm
 
 
 class IdentificationError(SrlError):
@@ -92,18 +95,25 @@ def plug_in_gait(measures: Mapping[Side, Measures], radius: float = 0.007) -> La
     return Landmarks(("CLAV", "C7", "STRN", "T10"), arms, radius)
 
 
-def identify(body: Body, trial: Mapping[str, Array], landmarks: Landmarks) -> tuple[Body, Array]:
+def identify(
+    body: Body, trial: Mapping[str, Array], landmarks: Landmarks, least_bend: float = LEAST_BEND
+) -> tuple[Body, Array]:
     """Fits a body to a static trial.
 
     Args:
         body: whose sides and segments of markers are taken; its lengths are replaced.
-        trial: markers (frames, 3) by name, m, NaN where hidden. The elbows must be bent by 20 degrees or more.
+        trial: markers (frames, 3) by name, m, NaN where hidden. Elbows bent by 60 degrees or more are best.
         landmarks: what the rules need to know.
+        least_bend: rad, at least 12 degrees; an elbow whose markers show less is refused.
     Returns:
         The fitted body, and its angles (frames, n) in the frames that show all landmarks.
     Raises:
-        IdentificationError: a landmark isn't there, no frame shows all of them, or an elbow is straight.
+        IdentificationError: a landmark isn't there, no frame shows all of them, or an elbow is too straight.
     """
+    if not _STRAIGHT <= least_bend < np.pi:
+        raise _error(
+            f"a least bend of {np.rad2deg(least_bend):.3g} degrees shows no axis", "Give 12 to 180 degrees, in rad"
+        )
     needed = landmarks.names
     if missing := [name for name in needed if name not in trial]:
         raise _error(f"the trial has no marker '{missing[0]}'", f"It has: {', '.join(trial)}")
@@ -117,7 +127,7 @@ def identify(body: Body, trial: Mapping[str, Array], landmarks: Landmarks) -> tu
         )
     frames = np.flatnonzero(seen)
     frames = frames[np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES)).astype(int)]
-    one = [_frame(body, {name: trial[name][i] for name in needed}, landmarks) for i in frames]
+    one = [_frame(body, {name: trial[name][i] for name in needed}, landmarks, least_bend) for i in frames]
     sizes = {key: np.mean(np.array([size[key] for size, _ in one]), axis=0) for key in one[0][0]}
     found = {part: {s: float(sizes[s, part]) for s in body.sides} for part in ("upper_arm", "forearm", "palm")}
     found["hand"] = {s: found["palm"][s] * body.sizes["hand"][s] / body.sizes["palm"][s] for s in body.sides}
@@ -158,7 +168,7 @@ def chest_pose(notch: Array, cervical: Array, xiphoid: Array, thoracic: Array, r
 
 
 def _frame(
-    body: Body, at: Mapping[str, Array], marks: Landmarks
+    body: Body, at: Mapping[str, Array], marks: Landmarks, least_bend: float
 ) -> tuple[dict[tuple[Side, str], Array | float], Array]:
     """Sizes and angles (n,) in one frame."""
     sizes: dict[tuple[Side, str], Array | float] = {}
@@ -183,8 +193,13 @@ def _frame(
         # The chord rule finds some bend in a straight arm, too: there its markers must show one.
         lateral = at[names.elbow]
         raw = _unit(lateral - shoulder) @ _unit(0.5 * (at[names.wrist_thumb] + at[names.wrist_little]) - lateral)
-        if bent < _BENT or (names.inner_elbow is None and raw > np.cos(1.5 * _BENT)):
-            raise _error(f"the {side} elbow is almost straight", "Stand with both elbows bent by 90 degrees")
+        shown = bent if names.inner_elbow is not None else min(bent, float(np.arccos(np.clip(raw, -1.0, 1.0))))
+        if shown < least_bend:
+            found, least = np.rad2deg((shown, least_bend))
+            raise _error(
+                f"the {side} elbow is almost straight: bent by {found:.0f} degrees, {least:.0f} are needed",
+                "Stand with both elbows bent by 90 degrees; or give a smaller `least_bend`, and a worse shoulder",
+            )
         a, b, c = euler_angles((C.T @ U)[None], "XYZ")[0]
         F = U @ _about_y(-bent)
         z = _unit(wrist - knuckle)

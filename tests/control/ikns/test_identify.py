@@ -67,8 +67,19 @@ def test_trials_that_dont_show_the_landmarks_are_refused(change: dict[str, np.nd
 
 
 def test_a_straight_elbow_is_refused() -> None:
-    with pytest.raises(IdentificationError, match="right elbow is almost straight"):
+    with pytest.raises(IdentificationError, match="right elbow is almost straight: bent by 16 degrees, 20 are needed"):
         identify(PLAIN, trial(PLAIN, bent=5.0), MARKS)
+    with pytest.raises(IdentificationError, match="shows no axis"):
+        identify(PLAIN, trial(PLAIN, bent=5.0), MARKS, least_bend=0.1)
+
+
+@pytest.mark.parametrize(("bent", "off"), [(60.0, 4.0), (30.0, 10.0), (22.0, 16.0)])
+def test_the_straighter_the_elbow_the_worse_is_the_shoulder(bent: float, off: float) -> None:
+    """Trials with elbows bent by 20 to 32 degrees are usual."""
+    q = reaching(PLAIN, 5)
+    _, found = identify(PLAIN, trial(PLAIN, bent), MARKS)
+    rotation = PLAIN.names.index("right_shoulder_rotation")
+    assert 0.8 * off < np.rad2deg(np.abs(found - q)[:, rotation]).max() < 1.05 * off
 
 
 def test_the_static_trial_has_vicons_own_shoulder_and_elbow() -> None:
