@@ -141,7 +141,9 @@ class Device:
         samples, name = self._samples, self.driver.name
         if samples.take(self.driver.health.stamp, now):
             if samples.settled and self._given != (stamp := self.driver.health.stamp):
-                self._given, self._stamp = stamp, min(stamp, now)  # one that lies ahead would hide a silence
+                # One that lies ahead would hide a silence; one that lies far ahead is told by its age.
+                near = stamp - now <= (self.driver.max_age or RETRY) * 1e9
+                self._given, self._stamp = stamp, min(stamp, now) if near else stamp
             if samples.untrue and not self._jump:
                 if self.active:
                     self._jump = samples.untrue

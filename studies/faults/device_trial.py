@@ -188,9 +188,9 @@ def _recovers(bench: Bench, device: str, stopped: bool) -> list[str]:
     if not stopped:
         bench.run(AGAIN)
         return []
-    bench.run(HEALED)
     if device != CLIENT:
         bench.until(lambda: bench.connected(device), most=MOST)
+    bench.run(HEALED)
     wrong = []
     if bench.state not in ("stopping", "stopped"):
         wrong.append("it began again by itself")

@@ -242,7 +242,7 @@ def lateness(glove: Running, finger: Running, here: np.ndarray) -> np.ndarray:
     found = {}
     arrived = finger.layout.value(here, "glove.position")
     for stamp, value in zip(finger.layout.word(here, "glove.stamp").tolist(), arrived, strict=True):
-        if sent := taken.get(value.tobytes()):
+        if stamp >= 0 and (sent := taken.get(value.tobytes())):  # the first samples don't count yet
             at = min(sent, key=lambda each: abs(stamp - each))
             found[at] = stamp - at
     return np.array(list(found.items()))
