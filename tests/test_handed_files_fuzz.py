@@ -36,6 +36,7 @@ from runtime.control.robot_model import RobotModel
 from runtime.control.skeleton import bvh
 from runtime.ipc.layout import Layout
 from runtime.profile import edit, profile
+from runtime.recorder.process import Recorder
 from runtime.recording import reader
 from sim.parts.body import mocap_motion
 from sim.parts.person.path import read_path
@@ -232,6 +233,16 @@ def black_box(folder: Path) -> bytes:
     return run.rows.read_bytes()
 
 
+def recording(folder: Path) -> bytes:
+    layout = make_layout(20, 2)
+    run, ring, _ = make_run(folder, layout, 64)
+    for row in make_rows(layout, 40):
+        ring.append(row)
+    ring.finish()
+    Recorder(run, folder / "made.rrd").run()
+    return (folder / "made.rrd").read_bytes()
+
+
 def array(name: str, members: dict[str, Any]) -> Handed:
     """An array within an NPZ."""
     return Handed(
@@ -266,6 +277,7 @@ READERS: Final[dict[str, Handed]] = {
     "URDF": Handed(lambda _: HIP, kept(lambda file: RobotModel.model_validate({"urdf": file}).robot.n), "a.urdf",
                    (*KINDS, ValidationError), trials=40),
     "layout": Handed(lambda _: make_layout(100, 2).text, Layout.load, "layout.json"),
+    "recording": Handed(recording, lambda path: reader.read(path).events, "a.rrd", trials=150),
     "black box": Handed(black_box, lambda path: reader.read(path.parent), "rows.ring"),
 }  # fmt: skip
 SLOW: Final = ("override", "profile", "actions", "glove")

@@ -46,6 +46,8 @@ def _holds_data(message: memoryview) -> bool:
             payload = _CODEC.decompress(payload, fields[_SIZE])
         schema, *batches = pa.ipc.MessageReader.open_stream(payload)
         known = pa.ipc.read_schema(schema)
+        if not all(map(_named, known)):
+            return False
         for batch in batches:
             pa.ipc.read_record_batch(batch, known).validate(full=True)
             if not _has_its_buffers(batch):
@@ -53,6 +55,12 @@ def _holds_data(message: memoryview) -> bool:
     except (KeyError, IndexError, ValueError, OverflowError, TypeError, OSError, pa.ArrowException, struct.error):
         return False
     return True
+
+
+def _named(field: pa.Field) -> bool:
+    """Whether its name and those within it hold no NUL, which Arrow's interface in C can't carry."""
+    within = (field.type.field(i) for i in range(field.type.num_fields))
+    return "\0" not in field.name and all(map(_named, within))
 
 
 def _has_its_buffers(batch: pa.ipc.Message) -> bool:

@@ -160,14 +160,17 @@ class Source:
         return made
 
     def _take(self, file: Path, path: str, batch: pa.RecordBatch) -> None:
-        if path == f"/__properties/{PROPERTY}":
-            self._take_layout(file, batch)
-        elif path == ROWS:
-            self._take_rows(batch)
-        elif path in _ARCHETYPES:
-            self._take_events(batch, _ARCHETYPES[path])
-        elif self._assembler is not None:
-            self._assembler.add(path, batch)
+        try:
+            if path == f"/__properties/{PROPERTY}":
+                self._take_layout(file, batch)
+            elif path == ROWS:
+                self._take_rows(batch)
+            elif path in _ARCHETYPES:
+                self._take_events(batch, _ARCHETYPES[path])
+            elif self._assembler is not None:
+                self._assembler.add(path, batch)
+        except (ValueError, KeyError, AttributeError, TypeError):  # other columns, or of other types, than were written
+            self.damaged += 1
 
     def _take_layout(self, file: Path, batch: pa.RecordBatch) -> None:
         if not {"format", "layout"} <= set(batch.schema.names):
@@ -182,11 +185,13 @@ class Source:
             raise RecordingError(str(file), "it belongs to another run than the files before", "Keep runs apart")
         if not self.text:
             self.text, self.layout = text, Layout.from_json(text, str(file))
-        assert self.layout is not None
+        if self.layout is None:
+            raise ValueError("rows before their layout")
         self._assembler = Assembler(Columns(self.layout)) if version == COLUMNS_ONLY else None
 
     def _take_rows(self, batch: pa.RecordBatch) -> None:
-        assert self.layout is not None
+        if self.layout is None:
+            raise ValueError("rows before their layout")
         width = len(self.layout.recorded_names) + self.layout.floats
         blocks = batch.column(batch.schema.names.index(f"{BLOCK}:block"))
         for i in range(len(blocks)):

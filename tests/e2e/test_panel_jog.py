@@ -37,12 +37,24 @@ class Jogged:
         self.layout, self.reader = Layout.load(self.folder.layout), RingReader(self.folder.rows)
 
     def moving(self) -> None:
-        """Holds a key until the joint has moved at its full speed for a while."""
-        seen = self.reader.head
-        until(lambda: self.reader.head > seen + 100 * REST + 20, what="time in which no key is held")  # at 100 Hz
-        self.page.value("document.getElementById('jog').focus()")
-        self.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **RIGHT)
-        until(lambda: (self.speed(self.rows()[-40:]) > 0.09).sum() > 20, what="motion")
+        """Holds a key until the joint has moved at its full speed for a while.
+
+        On a machine so busy that the page falls silent the key counts no more: it is pressed anew, as a person does.
+        """
+        for last in (False,) * 5 + (True,):
+            seen = self.reader.head
+            until(lambda seen=seen: self.reader.head > seen + 100 * REST + 20, what="time in which no key is held")
+            self.page.value("document.getElementById('jog').focus()")
+            self.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **RIGHT)
+            begun = self.reader.head
+            most = begun + (1 << 40 if last else 600)
+            until(lambda most=most: self._moves() or self.reader.head > most, what="motion")
+            if self._moves():
+                return
+            self.page.ask("Input.dispatchKeyEvent", type="keyUp", **RIGHT)
+
+    def _moves(self) -> bool:
+        return bool((self.speed(self.rows()[-40:]) > 0.09).sum() > 20)
 
     def rows(self) -> Words:
         return np.array(RingReader(self.folder.rows).take(1 << 20))
