@@ -155,6 +155,9 @@ def _guard(command: Item) -> Iterator[str]:
         yield from _table(command["limits"])
     if not {"lower", "upper"} & set(command["limits"]):
         yield "    no bound of the position before the device is open"
+    if (following := command["following_error"]) is not None:
+        far = f"further from its command than {_short(following['window'])} for {following['timeout']:g} s"
+        yield from _wrapped(4, f"following error: it stops if it is {far}")
     if (clear := command["clear"]) is not None:
         lag = f"lag {clear['lag']:g} s, tracking {_short(clear['tracking'])}"
         yield from _wrapped(4, f"keeps clear ({clear['use']}): {clear['summary']}; {lag}")

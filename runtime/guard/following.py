@@ -31,6 +31,16 @@ def usual_window(command: Command) -> Array:
     return np.array([WINDOW["m"] if name in slides else usual for name in command.names] or [usual] * command.size)
 
 
+def window_of(command: Command, speed: Array, given: Array | None = None) -> Array:
+    """(size,): the window in force: what is given, else the command's own, else the usual one; `speed` is its limit."""
+    usual = PLANAR_WINDOW if command.labels == PLANAR_TWIST else usual_window(command)
+    own = command.window if given is None else given
+    window = np.array(np.broadcast_to(usual if own is None else own, command.size), np.float64)
+    if command.kind is not Kind.POSITION:  # on its way to the new velocity the limb is late
+        window += command.lag * np.where(np.isfinite(speed), speed, 0.0)
+    return window
+
+
 class FollowingError:
     """Follows one command with feedback.
 
@@ -64,11 +74,7 @@ class FollowingError:
         self._measured, self._applied, self._size = measured, applied, command.size
         self._position = command.kind is Kind.POSITION
         self._planar = command.labels == PLANAR_TWIST
-        usual = PLANAR_WINDOW if self._planar else usual_window(command)
-        given = command.window if window is None else window
-        self.window: Array = np.array(np.broadcast_to(usual if given is None else given, self._size), np.float64)
-        if not self._position:  # on its way to the new velocity the limb is late
-            self.window += command.lag * np.where(np.isfinite(speed), speed, 0.0)
+        self.window = window_of(command, speed, window)
         self.timeout = timeout
         self._state, self._before = np.zeros(self._size), np.zeros(self._size)
         self._span = np.array([max(command.lag, 1e-3) if self._position else SLIPS if self._planar else MEMORY])

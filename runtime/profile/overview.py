@@ -14,6 +14,7 @@ import numpy as np
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command, Kind, Limits, Signal
 from runtime.contracts.terms import FORCE, POINT, TWIST
+from runtime.guard.following import TIMEOUT, window_of
 from runtime.guard.limits import NAMES
 from runtime.profile import beginning
 from runtime.profile.connections import Connection, reading, transforms, untaken, writing
@@ -176,6 +177,7 @@ def _command(graph: Graph, actuator: Actuator, limits: Limits) -> Item:
             for name in NAMES
             if (value := getattr(limits, name)) is not None
         },
+        "following_error": _following(graph, actuator, limits),
         "clear": None
         if cleared is None or clear is None
         else {
@@ -186,6 +188,20 @@ def _command(graph: Graph, actuator: Actuator, limits: Limits) -> Item:
             "tracking": _by_element(command, cleared.tracking),
             "options": cleared.clearance.config.model_dump(mode="json", exclude_unset=True),
         },
+    }
+
+
+def _following(graph: Graph, actuator: Actuator, limits: Limits) -> Item | None:
+    """How far the limb may be from its command, and for how long; None if nothing is looked for."""
+    command, entry = actuator.command, graph.profile.guard.get(actuator.name)
+    wanted = None if entry is None else entry.following_error
+    if actuator.measured is None or command.kind is Kind.TORQUE or isinstance(wanted, str):
+        return None
+    speed = np.zeros(command.size) if limits.velocity is None else np.ravel(limits.velocity)
+    given = None if entry is None else entry.window(command, graph.source.place(f"guard.{actuator.name}"))
+    return {
+        "window": _by_element(command, window_of(command, speed, given).reshape(command.shape)),
+        "timeout": TIMEOUT if wanted is None else wanted.timeout,
     }
 
 
