@@ -38,6 +38,9 @@ class AtiNetFtConfig(DeviceConfig):
     bias: bool = Field(False, description="zero at the present load when it is first opened")
     reset_latch: bool = Field(False, description="reset the latch of the monitor conditions at opening")
     frame: str = Field("sensor", description="frame of the wrench")
+    transformed: bool = Field(
+        False, description="the tool transform that is set in the sensor is meant: `frame` is there"
+    )
 
 
 @dataclass(frozen=True)

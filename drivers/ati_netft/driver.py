@@ -212,6 +212,13 @@ class AtiNetFt(Sensor):
                 f"this sensor is '{found.product or 'of unknown name'}', the profile says '{config.product}'",
                 "Correct 'product' or the address; without 'counts' the sensor's page tells the name",
             )
+        if any(found.transform) != config.transformed:
+            set_in_it = ", ".join(f"{v:g}" for v in found.transform) or "unknown"
+            raise DeviceError(
+                self._place,
+                f"the sensor's tool transform is {set_in_it}, the profile says transformed: {config.transformed}",
+                "Set it to zero on the sensor's page; or say `transformed: true`, with `frame` where it turns to",
+            )
         if config.rate is not None:
             set_rate(where, config.rate, self._place)
         rate = config.sample_rate or found.sample_rate

@@ -45,6 +45,7 @@ class Settings:
         range: (6,) N and N m, the ratings; empty if unknown.
         sample_rate: Hz of the sensor's own sample counter; None if unknown.
         record_rate: Hz of records; None if unknown.
+        transform: its tool transform, three ways and three turns in the units that are set there; () if unknown.
     """
 
     product: str
@@ -53,6 +54,7 @@ class Settings:
     range: tuple[float, ...] = ()
     sample_rate: float | None = None
     record_rate: float | None = None
+    transform: tuple[float, ...] = ()
 
 
 def scale(counts: float, unit: str, known: dict[str, float], what: str) -> float:
@@ -100,6 +102,7 @@ def parse_page(page: bytes) -> Settings:
         range=tuple(r * unit for r, unit in zip(ratings, si, strict=True)) if known else (),
         sample_rate=_rate(texts.get("runrate")),
         record_rate=_rate(texts.get("comrdtrate")),
+        transform=tuple(_number(item) for item in re.split("[;,]", texts.get("cfgtfx", "")) if item.strip()),
     )
 
 

@@ -263,6 +263,16 @@ def test_another_product_is_refused(server):
     driver(server, product="axia").open()
 
 
+def test_a_tool_transform_that_the_profile_does_not_know_is_refused(server):
+    """It turns what x, y and z are."""
+    with pytest.raises(DeviceError, match="tool transform is 0, 0, 0, 0, 0, 0, the profile says transformed: True"):
+        driver(server, transformed=True).open()
+    server.twin.transform = (0.0, 0.0, 0.0, 0.0, 0.0, 90.0)
+    with pytest.raises(DeviceError, match="tool transform is 0, 0, 0, 0, 0, 90, the profile says transformed: False"):
+        driver(server).open()
+    driver(server, transformed=True).open()
+
+
 def test_nobody_there_is_said_with_a_remedy():
     with pytest.raises(DeviceError, match=r"gives no settings: port 1 refuses.*port 1 refuses.*power"):
         AtiNetFt("ft", AtiNetFtConfig(port="udp://127.0.0.1:9?http=1&tcp=1")).open()

@@ -37,6 +37,7 @@ class AtiNetFtTwin(SocketTwin):
         self.counts = COUNTS
         self.buffered = 40
         self.sample_rate = self.record_rate = options.rate
+        self.transform: tuple[float, ...] = (0.0,) * 6  # on its page alone
         self.range: Array = fake.range
         host = options.host
         self.records, self.http, self.tcp = UdpDoor(host), TcpDoor(host), TcpDoor(host)

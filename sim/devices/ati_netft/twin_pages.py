@@ -22,6 +22,7 @@ class Sensor(Protocol):
     counts: int
     sample_rate: float
     record_rate: float
+    transform: tuple[float, ...]
     buffered: int
     range: Array
 
@@ -47,6 +48,7 @@ def page(sensor: Sensor) -> bytes:
         "scfgfu": "N",
         "scfgtu": "Nm",
         "cfgmr": ";".join(f"{value:g}" for value in sensor.range),
+        "cfgtfx": ";".join(f"{value:g}" for value in sensor.transform),
         "setcfgsel": 0,
         "comrdte": "Enabled",
         "comrdtrate": f"{sensor.record_rate:g}",
