@@ -8,7 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array
+from runtime.guard.samples import AGREE
+from runtime.ipc.words import DEVICE
 from runtime.testing.lab import Lab
 
 ACTIVE, STOPPED = 40, 30  # cycles
@@ -149,3 +152,27 @@ def test_a_jump_that_stays_stops_the_limb_and_a_second_reset_starts_it_there() -
         run.step(20)
         run.reset()
         run.until("active", most=5)
+
+
+def test_what_a_device_left_behind_is_no_sample_of_the_one_that_is_back() -> None:
+    """Its arrays still hold what was measured before the loss, with its time."""
+    with Lab("human-srl", ["sim.start=auto"]) as run:
+        run.until("active", most=20)
+        driver = next(d for d in run._graph.devices if d.name == "arm")
+        stamps = run._graph.row.devices[run._graph.layout.devices.index("arm")]
+        read = driver.read
+
+        def lost(now: int) -> None:
+            raise DeviceLostError("arm", "gone", "Wait")
+
+        driver.read = lost  # type: ignore[method-assign]
+        run.until("stopped", most=5)
+        driver.read = lambda now: None  # type: ignore[method-assign]
+        run.until(lambda: any("is back" in text for text in run.events), most=5)
+        run.step(20)
+        assert stamps[DEVICE.stamp] == -1
+        run.reset()
+        assert run.state == "stopped"
+        driver.read = read  # type: ignore[method-assign]
+        run.step(AGREE + 1)
+        assert stamps[DEVICE.stamp] > 0

@@ -94,6 +94,28 @@ def test_a_driver_must_declare_how_it_sends(
     assert "sent_arrays" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "declared",
+    [
+        {"lag": "0.2"}, {"lag": None}, {"lag": -0.1}, {"lag": 5.0}, {"lag": True}, {"window": "5%"}, {"window": 0.0},
+        {"window": (0.1, 0.1, 0.1)}, {"window": {"a": 0.1}}, {"window": float("nan")},
+    ],
+)  # fmt: skip
+def test_a_lag_and_a_window_are_numbers_of_their_joints(
+    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any]
+) -> None:
+    with pytest.raises(WiringError, match=r"Give a lag of at most 0.25 s, and a window above 0"):
+        build(monkeypatch, **declared)
+
+
+@pytest.mark.parametrize("declared", [{"period": "x"}, {"period": True}, {"resolution": "x"}, {"resolution": None}])
+def test_what_is_no_number_is_no_period_and_no_resolution(
+    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any]
+) -> None:
+    with pytest.raises(WiringError, match="declare"):
+        build(monkeypatch, **declared)
+
+
 @pytest.mark.parametrize("max_age", [0.0, 1e-10, float("inf"), float("nan")])
 def test_a_device_whose_silence_nobody_would_notice_is_refused(monkeypatch: pytest.MonkeyPatch, max_age: float) -> None:
     monkeypatch.setattr(Toy, "max_age", max_age)

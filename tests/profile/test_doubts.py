@@ -10,7 +10,7 @@ from helpers import ROOT
 from helpers.run import call
 
 from runtime.cli import main
-from runtime.contracts.errors import WiringError
+from runtime.contracts.errors import ProfileError, WiringError
 from runtime.control import models
 from runtime.control.ikns import record
 from runtime.profile import profile, shelf, wiring
@@ -71,6 +71,42 @@ def test_where_a_real_device_moves_they_are_refused_unless_they_are_meant() -> N
     with pytest.raises(WiringError, match=f"{lower}.abduction: -60 rad"):
         wiring.build(*profile.load("finger-jog", [*set_, f"meant=[{upper}]"]))
     assert not wiring.build(*profile.load("finger-jog", [*set_, f"meant=[{upper}, {lower}]"])).doubts
+
+
+@pytest.mark.parametrize(
+    ("set_", "words"),
+    [
+        ("guard.finger.position_command.following_error={window: 20}", "following_error.window: 20 rad or m"),
+        ("guard.finger.position_command.velocity=60", "60 rad/s is faster"),
+    ],
+)
+def test_a_window_and_a_speed_in_degrees_are_refused_where_a_real_device_moves(set_: str, words: str) -> None:
+    with pytest.raises(WiringError, match=words):
+        wiring.build(*profile.load("finger-jog", [set_]))
+
+
+def test_a_bases_speed_in_millimetres_is_doubted() -> None:
+    (doubt,) = wiring.build(*profile.load("base-jog", ["guard.base.twist_command.velocity=300"]), []).doubts
+    assert "300 m/s is faster than any limb" in doubt
+
+
+@pytest.mark.parametrize("place", ["nonsense.place", "guard", "guard.finger.position_command"])
+def test_what_is_meant_is_a_number_that_is_in_doubt(place: str) -> None:
+    set_ = ["guard.finger.position_command.upper={abduction: 90}", f"meant=[{place}]"]
+    found = wiring.build(*profile.load("finger-jog", set_), []).doubts
+    assert any(f"{place}: there is no number in doubt" in text for text in found)
+    assert any("90 rad" in text for text in found), "and it hides nothing"
+
+
+@pytest.mark.parametrize("given", ["false", "null", "0.4", "Off", "[0.1]"])
+def test_a_following_error_is_a_window_or_off(given: str) -> None:
+    with pytest.raises(ProfileError, match=r"Give \{window: ..., timeout: ...\}, or off"):
+        profile.load("finger-jog", [f"guard.finger.position_command.following_error={given}"])
+
+
+def test_a_reaction_that_is_none_names_all_that_there_are() -> None:
+    with pytest.raises(ProfileError, match=r"faults.following-error.*'hold'.*or 'stop'"):
+        profile.load("finger-jog", ["faults.following-error=ignore"])
 
 
 def test_a_turn_both_ways_is_a_joints_range() -> None:
