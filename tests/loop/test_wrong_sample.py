@@ -174,5 +174,7 @@ def test_what_a_device_left_behind_is_no_sample_of_the_one_that_is_back() -> Non
         run.reset()
         assert run.state == "stopped"
         driver.read = read  # type: ignore[method-assign]
-        run.step(AGREE + 1)
+        run.step(AGREE - 1)
+        assert stamps[DEVICE.stamp] == -1, "it doesn't count as the first that agrees"
+        run.step(2)
         assert stamps[DEVICE.stamp] > 0
