@@ -126,11 +126,9 @@ class Opening:
         if not any(_same(span, known) for known in expected):
             alike = [m.name for m in MODELS.values() if any(_same(span, r) for r in m.ranges.get("damiao", ()))]
             guess = f"; these are those of {' and '.join(alike)}" if alike else ""
-            raise DeviceError(
-                self._place,
-                f"{who} scales by {_text(span)}, the profile's {motor.model} by {_text(expected[0])}{guess}",
-                "Correct 'model' or the ids; if somebody has set these ranges, say so with 'range'",
-            )
+            problem = f"{who} scales by {_text(span)}, the profile's {motor.model} by {_text(expected[0])}{guess}"
+            remedy = "Correct 'model' or the ids; if somebody has set these ranges, say so with 'range'"
+            raise DeviceError(self._place, problem, remedy)
         gear, wanted = self._read(who, motor, Register.GEAR), motor.facts.gear
         if wanted is not None and not isclose(gear, wanted, rel_tol=0.02):
             problem = f"{who} has a gear of {gear:g}:1 in its memory, an {motor.model} one of {wanted:g}:1"

@@ -26,13 +26,9 @@ from sim.world.robot_mjcf import SPECK, add_arm
 Mode = Literal["brake", "torque", "velocity", "position"]
 _MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 _NONE: Final = np.zeros(3)
-_EXTERNAL: Final = np.array(
-    [  # by mjtConstraint: external forces, so neither end stops nor the joints' own friction
-        kind in {mujoco.mjtConstraint.mjCNSTR_EQUALITY, mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS}
-        or kind in {mujoco.mjtConstraint.mjCNSTR_CONTACT_PYRAMIDAL, mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC}
-        for kind in range(8)
-    ]
-)
+_OUTSIDE: Final = ("EQUALITY", "CONTACT_FRICTIONLESS", "CONTACT_PYRAMIDAL", "CONTACT_ELLIPTIC")
+# By mjtConstraint: external forces, so neither end stops nor the joints' own friction.
+_EXTERNAL: Final = np.isin(range(8), [int(getattr(mujoco.mjtConstraint, f"mjCNSTR_{name}")) for name in _OUTSIDE])
 
 
 HOME: Final[Any] = Field(default=None, description="rad, at the start, of each joint; null: the robot's own")
