@@ -178,3 +178,22 @@ def test_what_a_device_left_behind_is_no_sample_of_the_one_that_is_back() -> Non
         assert stamps[DEVICE.stamp] == -1, "it doesn't count as the first that agrees"
         run.step(2)
         assert stamps[DEVICE.stamp] > 0
+
+
+def test_a_device_that_is_wrong_for_long_is_told_ever_more_rarely_and_what_to_look_at() -> None:
+    """A sensor in another unit said the same thing each second, for ever."""
+    with Lab("human-srl", ["sim.start=auto"]) as run:
+        run.until("active", most=20)
+        driver = next(d for d in run._graph.devices if d.name == "arm")
+        read = driver.read
+
+        def degrees(now: int) -> None:
+            read(now)
+            driver.state_arrays["position"][...] = 1e6
+
+        driver.read = degrees  # type: ignore[method-assign]
+        run.step(round(20 / (run.time / run.cycles)))
+        told = [text for text in run.events if "taken" in text and "position" in text]
+        assert 3 <= len(told) <= 7, told
+        assert "no sample has been taken for" in told[-1]
+        assert "Look at its units" in told[-1]
