@@ -214,9 +214,12 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
     log = np.load(tmp_path / "log.npz")
     after = log["finger.servo_ns"] > died
     commands = log["finger.servo"][after].tolist()
-    arrived = (log["finger.servo_ns"][after][-8:-4].max() - died) / 1e6
+    # The twin's clock is that of its world, which is behind by milliseconds on a busy machine.
+    arrived = (log["finger.servo_ns"][-8:-4].max() - died) / 1e6
+    assert arrived > -10.0, "not the loop's own commands"
     after[:-4] = False
-    for stop in (commands[-4:], commands[-8:-4]):
+    every = log["finger.servo"].tolist()
+    for stop in (every[-4:], every[-8:-4]):
         assert sorted(stop) == [0, 1, 2, 3], "each servo's stop, before the dead loop was reaped and after it"
     on_the_way = commands[:-8]  # the dead loop's last frame, of the servos whose pulses it changed
     assert len(set(on_the_way)) == len(on_the_way), "not more than one frame besides"
