@@ -30,7 +30,7 @@ def environment(folder: Path) -> dict[str, str]:
     return os.environ | {"SRL_RUNTIME_DIR": str(folder / "run"), "STATE_DIRECTORY": str(folder / "state")}
 
 
-def call(folder: Path, *arguments: str, code: int | None = 0, timeout: float = 100) -> subprocess.CompletedProcess[str]:
+def call(folder: Path, *arguments: str, code: int | None = 0, timeout: float = 250) -> subprocess.CompletedProcess[str]:
     """Runs it to its end and checks the exit code."""
     done = subprocess.run(
         srl(*arguments),
