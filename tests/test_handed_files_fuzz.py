@@ -277,7 +277,7 @@ READERS: Final[dict[str, Handed]] = {
     "URDF": Handed(lambda _: HIP, kept(lambda file: RobotModel.model_validate({"urdf": file}).robot.n), "a.urdf",
                    (*KINDS, ValidationError), trials=40),
     "layout": Handed(lambda _: make_layout(100, 2).text, Layout.load, "layout.json"),
-    "recording": Handed(recording, lambda path: reader.read(path).events, "a.rrd", trials=150),
+    "recording": Handed(recording, lambda path: reader.read(path).events, "a.rrd", trials=40),
     "black box": Handed(black_box, lambda path: reader.read(path.parent), "rows.ring"),
 }  # fmt: skip
 SLOW: Final = ("override", "profile", "actions", "glove")
