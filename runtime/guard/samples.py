@@ -78,7 +78,6 @@ class SampleCheck:
         self.odd: Odd | None = None
         self.last = ""
         self.refused = 0
-        self.untrue = self._why = ""
         self.forget()
         self._bind()
 
@@ -137,9 +136,7 @@ class SampleCheck:
                 self._rates.append((s, slice(at, at + s.size), RateCheck(way, speed, s.unit)))
             at += s.size
 
-    @property
-    def settled(self) -> bool:
-        """See the class's docstring."""
+    def _is_settled(self) -> bool:
         counts = self._state[self._moves, _COUNT]
         return not self._moves or (self._taken >= AGREE and bool(((counts == 0) | (counts >= AGREE)).all()))
 
@@ -153,7 +150,8 @@ class SampleCheck:
         self._usual = 0.0  # s between two samples
         self._taken = 0  # samples, AGREE at most
         self._line = 0  # samples in a row that are a smooth motion
-        self.odd, self.jumped = None, False
+        self.odd, self.jumped, self.settled = None, False, False
+        self._counted = True  # what has agreed may have changed
         self.untrue = self._why = ""
         for _, _, rate in self._rates:
             rate.restart()
@@ -193,6 +191,9 @@ class SampleCheck:
         if new:
             self._taken = min(self._taken + 1, AGREE)
             self._newest = now
+            if self._counted:
+                self.settled = self._is_settled()
+                self._counted = not self.settled
         self._stamp = stamp
         if self._rates:
             self._judge_rates(now, new)
@@ -212,6 +213,7 @@ class SampleCheck:
 
     def _judge(self, values: Array, rows: slice, full: float, usual: float, gap: float, new: bool) -> bool:
         """What C doesn't: says what is odd, and takes a step that enough samples agree on."""
+        self._counted = True
         limits, state = self._limits[rows], self._state[rows]
         low, high, slack, speed = limits.T
         judged, count = np.isfinite(speed), state[:, _COUNT]

@@ -80,7 +80,7 @@ class Device:
         self._left = -1  # of the sample that it left behind when it was lost
         self._jump = ""  # a fault: where it is measured isn't where it can have moved to
         self._said = -SAID  # ns, when it was last reported that a sample isn't taken
-        self._odd_since = 0  # ns, when the newest one was taken
+        self._odd_since = -1  # ns, since when none is taken; -1: the newest one was
         self._fault = ""  # the newest reported fault
         # ns, since when it is active without a command; -1 while it isn't active; None once it has sent one
         self._active_since: int | None = -1
@@ -141,7 +141,7 @@ class Device:
         """Takes the sample that the driver has read, unless it can't be true; then the one before stays."""
         samples, name = self._samples, self.driver.name
         if samples.take(self.driver.health.stamp, now):
-            self._odd_since = now
+            self._odd_since = -1
             if samples.settled and self._given != (stamp := self.driver.health.stamp):
                 # One that lies ahead would hide a silence; one that lies far ahead is told by its age.
                 near = stamp - now <= (self.driver.max_age or RETRY) * 1e9
@@ -158,13 +158,15 @@ class Device:
                     self._jump = text
                 else:
                     self._report(f"'{name}': {text}")
-        elif samples.odd is not None and now - self._said >= max(SAID, (now - self._odd_since) // 2):
-            self._said = now
-            signal, element, _, why = samples.odd
-            lasts = (now - self._odd_since) * 1e-9
-            said = f"no sample has been taken for {lasts:.0f} s" if lasts > 1.0 else "a sample isn't taken"
-            more = ". Look at its units and wiring, and at what it measures" if lasts > 1.0 else ""
-            self._report(f"'{name}': {said}: {signal}{f'[{element}]' if element else ''} {why}{more}")
+        elif samples.odd is not None:
+            self._odd_since = now if self._odd_since < 0 else self._odd_since
+            lasts = now - self._odd_since
+            if now - self._said >= max(SAID, lasts // 2):
+                self._said = now
+                signal, element, _, why = samples.odd
+                said = f"no sample has been taken for {lasts * 1e-9:.0f} s" if lasts > SAID else "a sample isn't taken"
+                more = ". Look at its units and wiring, and at what it measures" if lasts > SAID else ""
+                self._report(f"'{name}': {said}: {signal}{f'[{element}]' if element else ''} {why}{more}")
 
     def write(self, now: int) -> None:
         """Sends the commands, except while the device is lost."""
@@ -256,7 +258,7 @@ class Device:
         self.lost = True
         self._failing.clear()
         self._samples.forget()
-        self._stamp = self._given = -1
+        self._stamp = self._given = self._odd_since = -1
         self._left, self._jump = self.driver.health.stamp, ""
         self._next_try = now + round(RETRY * 1e9)
         self._report(f"lost {reason}")
