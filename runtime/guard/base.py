@@ -278,7 +278,7 @@ class CommandGuard(ABC):
             if self.fast is not None:
                 self.fast.leave()
             self._seat(self._tracker.seats, parted)
-            # In a replay by other code all last bits differ: those are taken over, and nothing has parted.
+            # A replay with another backend differs in the last bits: those are adopted without a resynchronisation.
             seats, tracker = self._tracker.seats, self._tracker
             self.reseated = tracker.stalled or any(abs(seats[i] - applied[i]) > rounding(applied[i]) for i in parted)
             self.reseats += self.reseated

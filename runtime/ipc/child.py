@@ -12,6 +12,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+FINAL = 2  # exit code of a child whose work is incomplete, where another attempt would change nothing
 PARENT = "SRL_SUPERVISOR"  # environment: the supervisor's process id
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 _PR_SET_PDEATHSIG = 1

@@ -163,8 +163,8 @@ class Cycle:
                     present = unfit = self._feedback.unfit()
                 answer = machine.request(request.kind, request.origin, request.target, present)
                 if unfit is not None and answer is Answer.REFUSED_FAULT:
-                    # A person has been told. Now the device isn't commanded any more: the next start, if it is given
-                    # all the same, begins where the limb is measured.
+                    # The refusal is reported, and the device is no longer commanded: a later start begins at the
+                    # measured position.
                     self._links[unfit.culprit] &= ~LINK_ACTIVE
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE

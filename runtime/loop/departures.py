@@ -34,7 +34,7 @@ class Departures:
         self._alone = [len(graph.actuators_of(a.device)) == 1 for a in graph.actuators]
         self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
         self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
-        self._lacks = [0.0 for a in graph.actuators]  # the same, and a cycle in which it hasn't makes up for a quarter
+        self._lacks = [0.0 for a in graph.actuators]  # s as above, falling at a quarter of the rate in other cycles
 
     def tell(self, dt: float) -> None:
         """Tells each active device's guard whether its command of the cycle before left. `dt`: since then, s."""

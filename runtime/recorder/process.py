@@ -13,7 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.child import Ending
+from runtime.ipc.child import FINAL, Ending
 from runtime.ipc.control_socket import NOTES, send_note
 from runtime.ipc.run_folder import RunFolder
 from runtime.recorder.merge import Merger
@@ -30,7 +30,7 @@ RETRY = 0.5  # s between attempts to write to a full disk
 LOOK = 60.0  # s between looks at what the folder needn't keep
 PATIENCE = 10.0  # s after the run's end during which the recorder waits for room on a full disk
 
-WELL, INCOMPLETE, FINAL = 0, 1, 2  # exit codes; FINAL: incomplete, and another try would change nothing
+WELL, INCOMPLETE = 0, 1  # exit codes, beside FINAL
 
 
 class Recorder:

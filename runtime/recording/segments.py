@@ -19,6 +19,7 @@ ENDING = ".segments"
 GROWING = "000000.rrd"
 SECONDS = 20.0  # of a segment: the longer, the less its drawing takes, and the more there is to do at the end
 BYTES = 16 << 20  # of its rows before they are packed
+HELD = 64  # segments that are kept open until they are merged
 FIRST = 2.0  # s of a process's first segment: what stands before the first rows takes long to make
 
 
@@ -133,6 +134,7 @@ class Segments:
         if self._file is not None:
             self._unmerged[self._path] = self._file
             self._file = None
+            self.merged(list(self._unmerged)[:-HELD])  # merging has failed for long: descriptors are few
 
     @property
     def _path(self) -> Path:

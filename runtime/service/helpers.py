@@ -9,12 +9,11 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from runtime.ipc.child import PARENT, starting
+from runtime.ipc.child import FINAL, PARENT, starting
 from runtime.ipc.run_folder import RunFolder
 
 BACKOFF = (0.0, 0.0, 0.2, 1.0, 5.0)  # s before the first, second, ... restart within a minute
 ATTEMPTS = 3  # to finish a recording
-FINAL = 2  # exit code: another attempt would change nothing
 FINISH = 120.0  # s that the recorder may take to finish its file
 CLOSING = 10.0  # s that the bus may take to close its session, and the viewer to end: nothing is lost with them
 
