@@ -338,19 +338,14 @@ def damaged(data: bytearray, rng: random.Random) -> bytes:
 
 def faults(name: str, folder: Path, first: int, count: int) -> list[str]:
     handed, found, last = READERS[name], dict[str, str](), first + count
-    good, at = handed.good(folder), first
+    made, at = handed.good(folder), first
+    good = made if isinstance(made, bytes) else made.encode()
     while at < last and len(found) < 12:
         said = ["", ""]
         out, into = os.pipe()
         if not (child := os.fork()):
             with contextlib.suppress(BaseException):
-                trials(
-                    handed,
-                    good if isinstance(good, bytes) else good.encode(),
-                    folder / handed.name,
-                    range(at, last),
-                    into,
-                )
+                trials(handed, good, folder / handed.name, range(at, last), into)
             os._exit(0)
         os.close(into)
         with os.fdopen(out, encoding="utf-8", errors="replace") as pipe:

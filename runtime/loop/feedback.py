@@ -13,10 +13,11 @@ import numpy as np
 
 from runtime.contracts.signals import Array, Limits
 from runtime.guard import CommandGuard
-from runtime.guard.following import TIMEOUT, FollowingError, usual_window
+from runtime.guard.following import FollowingError, usual_window
 from runtime.guard.samples import AGREE, SLACK, SPEED
 from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Cause
 from runtime.loop.machine import Fault
+from runtime.profile.following import monitored
 from runtime.profile.graph import Actuator, Graph
 
 _PAUSE = 50_000_000  # ns: between two samples no more motion than in this time is believed
@@ -143,13 +144,10 @@ class Feedback:
 
 
 def _monitor(graph: Graph, actuator: Actuator, guard: CommandGuard) -> FollowingError | None:
-    """The monitor of a command; None where there is no feedback, it is a torque, or the profile says `off`."""
-    entry = graph.profile.guard.get(actuator.name)
-    wanted = None if entry is None else entry.following_error
-    if actuator.measured is None or actuator.command.kind == "torque" or wanted == "off":
+    if (found := monitored(graph, actuator)) is None:
         return None
-    timeout = TIMEOUT if wanted is None else wanted.timeout
-    window = None if entry is None else entry.window(actuator.command, graph.source.place(f"guard.{actuator.name}"))
+    assert actuator.measured is not None
+    window, timeout = found
     speed = np.array(guard.max_velocity)
     return FollowingError(actuator.command, actuator.measured, actuator.applied, speed, window, timeout)
 

@@ -14,10 +14,11 @@ import numpy as np
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command, Kind, Limits, Signal
 from runtime.contracts.terms import FORCE, POINT, TWIST
-from runtime.guard.following import TIMEOUT, window_of
+from runtime.guard.following import window_of
 from runtime.guard.limits import NAMES
 from runtime.profile import beginning
 from runtime.profile.connections import Connection, reading, transforms, untaken, writing
+from runtime.profile.following import monitored
 from runtime.profile.graph import Actuator, Graph, Law
 from runtime.profile.names import Link
 from runtime.profile.overview_frames import frames, models, parts
@@ -192,17 +193,12 @@ def _command(graph: Graph, actuator: Actuator, limits: Limits) -> Item:
 
 
 def _following(graph: Graph, actuator: Actuator, limits: Limits) -> Item | None:
-    """How far the limb may be from its command, and for how long; None if nothing is looked for."""
-    command, entry = actuator.command, graph.profile.guard.get(actuator.name)
-    wanted = None if entry is None else entry.following_error
-    if actuator.measured is None or command.kind is Kind.TORQUE or isinstance(wanted, str):
+    """How far the limb may be from its command, and for how long (s); None if nothing is monitored."""
+    if (found := monitored(graph, actuator)) is None:
         return None
+    command, (given, timeout) = actuator.command, found
     speed = np.zeros(command.size) if limits.velocity is None else np.ravel(limits.velocity)
-    given = None if entry is None else entry.window(command, graph.source.place(f"guard.{actuator.name}"))
-    return {
-        "window": _by_element(command, window_of(command, speed, given).reshape(command.shape)),
-        "timeout": TIMEOUT if wanted is None else wanted.timeout,
-    }
+    return {"window": _by_element(command, window_of(command, speed, given).reshape(command.shape)), "timeout": timeout}
 
 
 def _elements(command: Command) -> tuple[str, ...]:

@@ -185,8 +185,7 @@ class Source:
             raise RecordingError(str(file), "it belongs to another run than the files before", "Keep runs apart")
         if not self.text:
             self.text, self.layout = text, Layout.from_json(text, str(file))
-        if self.layout is None:
-            raise ValueError("rows before their layout")
+        assert self.layout is not None
         self._assembler = Assembler(Columns(self.layout)) if version == COLUMNS_ONLY else None
 
     def _take_rows(self, batch: pa.RecordBatch) -> None:
