@@ -57,6 +57,7 @@ class Merger:
         self._file: int | None = None
         self._size = self._last = 0
         self.rows = 0  # in the growing file
+        self.added: list[Path] = []  # segments that are in it, since the caller emptied this
         self._sent: set[int] = set()
         self._piece: _Piece | None = None  # what couldn't be written yet
         self._stream: Stream | None = None
@@ -72,12 +73,10 @@ class Merger:
             if self._file is None and (segments or (self._ending and self.path.exists())):
                 self._open()
             elif self._file is not None and not is_at(self._file, self.path):
-                copy = write_again(self._file, self.path)  # somebody deleted it, or moved it away
-                os.close(self._file)
-                self._file = copy
+                self._file = write_again(self._file, self.path)  # somebody deleted it, or moved it away
             if self._piece is not None:
                 self._add(self._piece)
-            waiting = [segment for segment in segments if segment.exists()]
+            waiting = [segment for segment in segments if segment not in self.added]
             most = _AT_THE_END if self._ending else _TOGETHER
             for at in range(0, len(waiting), most):
                 self._piece = self._made(waiting[at : at + most])
@@ -98,6 +97,7 @@ class Merger:
             RecordingError: as `merge`; no row was recorded; the place is taken.
         """
         self._ending = True
+        self.added.clear()  # what was written again after it was merged is removed with the others
         self.merge(numbered(self.path.parent))
         self.close()
         if not self._last and not (self.path.exists() and last_row(self.path)):
@@ -141,7 +141,11 @@ class Merger:
     def _made(self, segments: Sequence[Path]) -> _Piece | None:
         """Makes a piece of segments, and reads it back. None: it needn't be packed any more."""
         hurried, source, place = self._ending, Source(segments), str(segments[0])
+        if gone := next((segment for segment in segments if not segment.exists()), None):
+            raise RecordingError(str(gone), "it was deleted", "Its recorder writes it again")
         blocks = list(source.blocks())
+        if source.files != list(segments):  # one went meanwhile: rows after its own must not be merged before them
+            raise RecordingError(place, "a segment was deleted", "Its recorder writes it again")
         if source.text and source.text != self._text:
             raise RecordingError(place, "it belongs to another run", self._kept)
         if source.damaged:
@@ -204,6 +208,7 @@ class Merger:
         piece.data = b""  # it isn't written again if a segment can't be removed
         for segment in piece.segments:
             segment.unlink(missing_ok=True)
+        self.added += piece.segments
         self._last, self.rows = max(self._last, piece.last), self.rows + piece.rows
         self._sent |= piece.events
         self._piece = None

@@ -125,8 +125,8 @@ class Recorder:
                 say(f"{error} (it is tried again)")
             elif error is None and self._unmerged:
                 say(f"{self._folder}: merging again")
-            if error is None:
-                self._segments.merged(self._closed)
+            self._segments.merged(self._merger.added)
+            self._merger.added.clear()
             self._unmerged = error is not None
         closed = self._segments.closed
         if not closed:

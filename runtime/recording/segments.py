@@ -141,17 +141,12 @@ class Segments:
         return self.folder / f"{self._number:06d}.rrd"
 
     def _keep_all(self) -> None:
-        """Writes again what isn't in the folder any more, once the current segment isn't: a merged one never is."""
-        if self._file is None or is_at(self._file, self._path):
-            return
-        for path, file in [*self._unmerged.items(), (self._path, self._file)]:
+        """Writes again what isn't in the folder. One that was merged just then is merged again, without new rows."""
+        for path, file in self._unmerged.items():
             if not is_at(file, path):
-                copy = write_again(file, path)
-                os.close(file)
-                if path in self._unmerged:
-                    self._unmerged[path] = copy
-                else:
-                    self._file = copy
+                self._unmerged[path] = write_again(file, path)
+        if self._file is not None and not is_at(self._file, self._path):
+            self._file = write_again(self._file, self._path)
 
     def _begin(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -182,7 +177,7 @@ def is_at(file: int, path: Path) -> bool:
 
 
 def write_again(file: int, path: Path) -> int:
-    """Writes an open file that was deleted, or moved away, at `path` again. Returns the descriptor of the copy.
+    """Writes an open file that was deleted, or moved away, at `path` again. Closes it; returns the copy's descriptor.
 
     Raises:
         OSError: something else is there, or it can't be written; then nothing of it is left there.
@@ -198,6 +193,7 @@ def write_again(file: int, path: Path) -> int:
         os.close(copy)
         path.unlink()
         raise
+    os.close(file)
     return copy
 
 

@@ -53,7 +53,7 @@ def test_a_recording_without_a_gap_is_still_complete_when_the_recorder_is_starte
     assert [Recorder(run, tmp_path / "out.rrd").run() for _ in range(2)] == [process.WELL] * 2
 
 
-@pytest.mark.parametrize("deleted", ["folder", "files", "moved"])
+@pytest.mark.parametrize("deleted", ["folder", "files", "moved", "oldest"])
 @pytest.mark.parametrize("merged", [False, True])
 def test_what_is_deleted_during_the_run_is_written_again(
     tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch, deleted: str, merged: bool
@@ -75,6 +75,9 @@ def test_what_is_deleted_during_the_run_is_written_again(
                 until((folder / segments.GROWING).exists)
             if deleted == "folder":
                 shutil.rmtree(folder, ignore_errors=True)
+            elif deleted == "oldest":
+                for file in numbered(folder)[:1]:
+                    file.unlink(missing_ok=True)
             elif deleted == "files":
                 for file in folder.glob("*.rrd"):
                     file.unlink(missing_ok=True)
@@ -87,6 +90,7 @@ def test_what_is_deleted_during_the_run_is_written_again(
         code = recorder.result(60)
     assert np.array_equal(read(out).rows, expected(layout, 1400))
     assert code == process.WELL
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])
