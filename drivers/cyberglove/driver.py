@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+import zlib
 from math import pi
 from typing import Annotated, Final, Literal
 
@@ -36,6 +37,12 @@ class CyberGloveConfig(DeviceConfig):
     )
     raw: bool = Field(False, description="give the sensors' own counts, 1 to 255, instead of angles: to calibrate it")
     hand: Literal["right", "left"] = "right"
+    settings: str | None = Field(
+        None,
+        pattern="^[0-9a-f]{8}$",
+        description="of the glove's own offsets and gains, that change its counts, as `srl find-port --ask cyberglove` "
+        "says; other ones are refused. None: they aren't compared",
+    )
 
 
 class CyberGlove(Sensor):
@@ -61,6 +68,7 @@ class CyberGlove(Sensor):
         self.port = config.port
         self.sensors: int = config.sensors
         self.hand = config.hand
+        self._own = config.settings
         labels = LABELS[config.sensors]
         self._raw = config.raw
         given, unit = ("raw", "count") if config.raw else ("position", "rad")
@@ -131,9 +139,14 @@ class CyberGlove(Sensor):
         try:
             glove._silence(link)
             sensors, right = (glove._ask(link, query(letter))[0] for letter in "SR")
+            glove._parser = Parser(sensors)
+            try:
+                settings = f", settings {glove._settings_now(link)}"
+            except DeviceError:  # an older glove doesn't tell them
+                settings = ""
         finally:
             link.close()
-        return f"a {'right' if right == 1 else 'left'} glove with {sensors} sensors"
+        return f"a {'right' if right == 1 else 'left'} glove with {sensors} sensors{settings}"
 
     def figures(self) -> dict[str, object]:
         """Returns how often streaming was requested again, and how many records the glove marked as too slow."""
@@ -208,6 +221,17 @@ class CyberGlove(Sensor):
             raise DeviceError(
                 self._place, f"this is a {hand} glove, the profile says {self.hand}", f"Set 'hand: {hand}'"
             )
+
+        if self._own is not None and (now := self._settings_now(link)) != self._own:
+            raise DeviceError(
+                self._place,
+                f"the glove's own offsets and gains are other ones: 'settings' {now}, the profile says {self._own}",
+                "Another program changed them, so the counts mean other angles: calibrate again, or correct 'settings'",
+            )
+
+    def _settings_now(self, link: Transport) -> str:
+        """Returns a checksum of the offsets and gains that the glove keeps; eight hexadecimal digits."""
+        return f"{zlib.crc32(self._ask(link, query('C'))):08x}"
 
     def _stream(self, link: Transport) -> None:
         """Starts the stream: all sensors, no time stamp, status byte on; an earlier client may have changed these."""

@@ -12,18 +12,23 @@ from drivers.odrive.protocol import Firmware
 from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.sealed import opened
 
-PATHS: Final = {"axis0.config.watchdog_timeout": "float", "axis0.config.enable_watchdog": "bool"}
+PATHS: Final = {
+    "axis0.config.watchdog_timeout": "float",
+    "axis0.config.enable_watchdog": "bool",
+    "axis0.config.motor.torque_constant": "float",
+}
 _WHERE: Final = "Get flat_endpoints.json of exactly your firmware and hardware version from the maker"
 
 
 @dataclass(frozen=True)
 class Endpoints:
-    """The numbers of the parameters that the driver writes, for one firmware on one hardware."""
+    """The numbers of the parameters that the driver writes or compares, for one firmware on one hardware."""
 
     firmware: str
     hardware: str
     timeout: int
     enable: int
+    torque_constant: int
 
 
 class OdriveAxis(CanAxis):
@@ -155,10 +160,9 @@ class OdriveConfig(CanAxesConfig):
             firmware, hardware = str(data["fw_version"]).partition("-")[0], str(data["hw_version"])
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(
-                f"{self.endpoints.path.name} isn't a flat_endpoints.json with {' and '.join(PATHS)} ({error}). {_WHERE}"
+                f"{self.endpoints.path.name} isn't a flat_endpoints.json with {', '.join(PATHS)} ({error}). {_WHERE}"
             ) from None
         for path, kind in PATHS.items():
             if found[path].get("type") != kind or not 0 <= ids[path] < 1 << 16:
                 raise ValueError(f"{self.endpoints.path.name}: {path} isn't a {kind} with a number. {_WHERE}")
-        timeout, enable = (ids[path] for path in PATHS)
-        return Endpoints(firmware, hardware, timeout, enable)
+        return Endpoints(firmware, hardware, *(ids[path] for path in PATHS))

@@ -18,6 +18,7 @@ from runtime.contracts.errors import DeviceError
 
 LISTEN: Final = 0.4  # s; a heartbeat comes every 0.1 s
 SETTLE: Final = 2.0  # s for which an axis of an earlier run may need to coast
+SAME: Final = 0.01  # share by which two torque constants may differ
 _TRIES: Final = 3
 Question = Callable[..., list[bytes]]
 
@@ -123,6 +124,7 @@ def check(link: CanLink, config: OdriveConfig, place: str, question: Question) -
                 "Get the file for this firmware and hardware from the maker: with another, a write hits another "
                 "parameter",
             )
+        _compare(link, axis, endpoints, place, who, question)
         _arm(link, axis, config.watchdog, endpoints, place, who, question)
         versions.append(found.firmware)
     if not versions:
@@ -170,6 +172,27 @@ def _identity(link: CanLink, axis: OdriveAxis, place: str, who: str, question: Q
             f"{who} {told}; the profile says {axis.serial}",
             "Node ids are swapped, or the ODrive was exchanged: correct 'node' or 'serial'",
         )
+
+
+def _compare(link: CanLink, axis: OdriveAxis, numbers: Endpoints, place: str, who: str, question: Question) -> None:
+    """Refuses an ODrive that takes the motor's torque constant for another: torques and their limits would be wrong."""
+    answer = protocol.identifier(axis.node, Command.TX_SDO)
+    for _ in range(_TRIES):
+        for data in question(link, protocol.read_endpoint(axis.node, numbers.torque_constant), answer):
+            value = protocol.endpoint_value(data, numbers.torque_constant, 4)
+            if value is None:
+                continue
+            (found,) = struct.unpack("<f", value)
+            if not abs(found - axis.torque_constant) <= SAME * axis.torque_constant:
+                raise DeviceError(
+                    place,
+                    f"{who} has a torque constant of {found:.4g} N m/A; the profile says {axis.torque_constant:g}",
+                    "Set axis0.config.motor.torque_constant with the maker's tool, or correct 'torque_constant'",
+                )
+            return
+    raise DeviceError(
+        place, f"{who} doesn't tell its torque constant", "Check that 'endpoints' is the file of this firmware"
+    )
 
 
 def _arm(

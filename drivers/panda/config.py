@@ -74,7 +74,13 @@ class PandaConfig(DeviceConfig):
     joint_impedance: Annotated[tuple[_Stiffness, ...], PerElement(JOINTS, single=True)] | None = Field(
         None, description="N m/rad, of the robot's own controller (velocity and position)"
     )
-    load: Load | None = Field(None, description="what the flange carries; as set before if left out")
+    load: Load | None = Field(
+        None,
+        description="what the flange carries besides the end effector; left out: nothing, else the robot is refused",
+    )
+    end_effector: float | None = Field(
+        None, ge=0, le=50, description="kg, as set in Desk; another is refused. None: it isn't compared"
+    )
 
     @field_validator("port")
     @classmethod

@@ -25,6 +25,7 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Stop
 
 FIRST_STATE: Final = 1.0  # s from Connect to the first state
+MASS: Final = 0.01  # kg by which two masses may differ, as the robot tells them rounded
 SETTINGS: Final = 5.0  # s for the robot to accept the options
 GONE: Final = 1_000_000_000  # ns without a state after which the robot counts as lost (libfranka uses the same time)
 _MOST_LOST: Final = 10_000  # states; a longer gap means that the count jumped
@@ -115,6 +116,7 @@ class Panda(Driver):
             self._await_states(link)
             self._channel, self._states = channel, link
             self._settle(link)
+            end_effector = self._check_masses()
         except BaseException:
             self._channel = self._states = None
             link.close()
@@ -123,7 +125,7 @@ class Panda(Driver):
             raise
         self.limits.update({c.name: BY_VERSION[version].of(c.kind) for c in self.commands})
         self.health.opened()
-        self.health.message = f"{BY_VERSION[version].name}, FCI protocol {version}"
+        self.health.message = f"{BY_VERSION[version].name}, FCI protocol {version}, end effector {end_effector:g} kg"
         self._gone = False
 
     def _await_states(self, link: Datagrams) -> None:
@@ -162,6 +164,26 @@ class Panda(Driver):
         if self._trouble:
             raise DeviceError(self._place, self._trouble, "Correct the option in the profile")
         self._judge()
+
+    def _check_masses(self) -> float:
+        """Returns the end effector's mass, kg. A load that an earlier program left pushes the arm up as soon as it is
+        commanded a torque, and is felt as a force.
+        """
+        end_effector, load = (float(f"{mass:.4g}") for mass in self._reader.masses(self._newest))
+        wanted = self.config.end_effector
+        if wanted is not None and not abs(end_effector - wanted) <= MASS:
+            raise DeviceError(
+                self._place,
+                f"the end effector set in Desk is {end_effector:g} kg, the profile says {wanted:g}",
+                "Set in Desk what is mounted, or correct 'end_effector'",
+            )
+        if self.config.load is None and self.config.interface != "none" and not abs(load) <= MASS:
+            raise DeviceError(
+                self._place,
+                f"an earlier program set a load of {load:g} kg, which the robot compensates; the profile names none",
+                "Give 'load' with what the flange carries, `load: {mass: 0}` for nothing",
+            )
+        return end_effector
 
     def close(self) -> None:
         """See `Driver.close`. Blocks up to 1.5 s if a motion has to be ended first."""

@@ -99,6 +99,11 @@ class StateReader:
         """Returns one of the fields with seven numbers."""
         return self._seven.unpack_from(data, self._at[name])
 
+    def masses(self, data: bytes) -> tuple[float, float]:
+        """Returns what the robot compensates: the mass of its end effector and of its load, kg."""
+        one = Struct("<f" if self.single else "<d")
+        return one.unpack_from(data, self._at["m_ee"])[0], one.unpack_from(data, self._at["m_load"])[0]
+
     def tail(self, data: bytes) -> bytes:
         """Returns the bytes that `modes` decodes: equal bytes mean equal modes."""
         return data[self._tail]

@@ -38,25 +38,47 @@ class Opening:
         return str(int.from_bytes(found.data, "big")) if found is not None else ""
 
     def find_range(self) -> tuple[Limits, str]:
-        """Returns the range (ticks of the open and the closed hand), and where it comes from, as a text."""
-        config, link = self._config, self._link
-        if config.limits is not None:
-            found: Limits | None = Limits(*config.limits)
-            source = "by the profile"
+        """Returns the range (ticks of the open and the closed hand), and where it comes from, as a text.
+
+        Raises:
+            DeviceError: the hand doesn't control its position, or the profile's range isn't within its own.
+        """
+        config = self._config
+        told = self._settings()
+        if told is not None and told.control:
+            mode = protocol.CONTROL[told.control] if told.control < len(protocol.CONTROL) else str(told.control)
+            raise DeviceError(
+                self._place,
+                f"the hand is set to control its {mode}, so a reference is no position",
+                "Set its control mode to position with the maker's program",
+            )
+        own = told.limits if told is not None else None
+        if config.limits is None:
+            limits = own or USUAL
+            source = "by the hand itself" if own else "assumed: the hand doesn't tell; give 'limits' to be sure"
         else:
-            found = None
-            for _ in range(TRIES):
-                link.flush_input()
-                link.write_all(protocol.frame(config.id, Cmd.PARAMETERS, b"\0\0"), ANSWER)
-                raw = link.read_wait(ANSWER)
-                while len(raw) < 1 << 16 and (more := link.read_wait(QUIET)):
-                    raw += more
-                found = protocol.parse_limits(raw, config.id)
-                if found is not None:
-                    break
-            source = "by the hand itself" if found else "assumed: the hand doesn't tell; give 'limits' to be sure"
-        limits = found or USUAL
+            limits, source = Limits(*config.limits), "by the profile"
+            if own is not None and not own.open <= limits.open < limits.closed <= own.closed:
+                raise DeviceError(
+                    self._place,
+                    f"the hand keeps itself within {own.open} and {own.closed} ticks; the profile's limits are "
+                    f"{limits.open} and {limits.closed}",
+                    "Correct 'limits', or leave them out",
+                )
         return limits, f"range {limits.open} to {limits.closed} ticks, {source}"
+
+    def _settings(self) -> protocol.Settings | None:
+        """Returns what the hand tells of its parameters; None if it doesn't (older firmware)."""
+        link = self._link
+        for _ in range(TRIES):
+            link.flush_input()
+            link.write_all(protocol.frame(self._config.id, Cmd.PARAMETERS, b"\0\0"), ANSWER)
+            raw = link.read_wait(ANSWER)
+            while len(raw) < 1 << 16 and (more := link.read_wait(QUIET)):
+                raw += more
+            if (found := protocol.parse_settings(raw, self._config.id)) is not None:
+                return found
+        return None
 
     def arm(self, watchdog: bytes) -> tuple[bool, bool]:
         """Arms the watchdog, unless the motor is on: a hand whose host died would release the object it holds.

@@ -12,7 +12,7 @@ BAUDRATE: Final = 2_000_000
 HEADER: Final = b"::"
 SHORTEST, LONGEST = 2, 128  # limits of the length byte, which counts command, data, checksum
 PARAMETER: Final = 50  # bytes per parameter slot
-_INT32: Final = 5  # a parameter's type
+_FLAG, _INT32 = 0, 5  # types of parameters
 FLUSH: Final = bytes(16)  # completes a frame of ours that was cut short: none of our frames is longer
 
 
@@ -148,41 +148,71 @@ class Limits(NamedTuple):
     closed: int
 
 
-def parse_limits(raw: bytes, hand: int) -> Limits | None:
-    """Returns the position limits in the answer to PARAMETERS; None if they aren't there.
+class Settings(NamedTuple):
+    """What a hand keeps that a driver needs.
+
+    Attributes:
+        limits: its range; None if it isn't told.
+        control: its control mode, an index of `CONTROL`; None if it isn't told.
+    """
+
+    limits: Limits | None
+    control: int | None
+
+
+CONTROL: Final = ("position", "PWM", "current", "current and position")
+
+
+def parse_settings(raw: bytes, hand: int) -> Settings | None:
+    """Returns what is in the answer to PARAMETERS; None if `raw` has none.
 
     The answer is too long for its length byte. This byte counts single bytes or, in newer firmware, units of 32. The
     answer is accepted only if the checksum fits one of the two. Each parameter has a slot: type, number of values, the
-    values, a description. The limits are the pair of 32-bit integers described as "Pos. limits".
+    values, a description. The limits are the pair of 32-bit integers described as "Pos. limits". The control mode is
+    the flag described as "Control mode".
     """
     at = raw.find(HEADER + bytes((hand,)))
     while at >= 0:
         for size in (raw[at + 3], raw[at + 3] * 32) if len(raw) > at + 5 else ():
             body = raw[at + 4 : at + 4 + size]
             if size >= SHORTEST and len(body) == size and body[0] == Cmd.PARAMETERS and checksum(body) == 0:
-                return _limits(body[2:-1], body[1])
+                return Settings(_limits(body[2:-1], body[1]), _control(body[2:-1], body[1]))
         at = raw.find(HEADER + bytes((hand,)), at + 1)
     return None
 
 
 def _limits(slots: bytes, count: int) -> Limits | None:
+    data = _slot(slots, count, (_INT32, 2), 8, b"pos. lim")
+    if data is None:
+        return None
+    low, high = struct.unpack(">ii", data)
+    return Limits(low, high) if -32768 <= low < high <= 32767 else None
+
+
+def _control(slots: bytes, count: int) -> int | None:
+    data = _slot(slots, count, (_FLAG, 1), 1, b"control mode")
+    return data[0] if data is not None else None
+
+
+def _slot(slots: bytes, count: int, kind: tuple[int, int], size: int, text: bytes) -> bytes | None:
+    """The values of the first parameter of this type and number with this text in its description."""
     for number in range(count):
         slot = slots[number * PARAMETER : (number + 1) * PARAMETER]
-        if len(slot) >= 10 and slot[0] == _INT32 and slot[1] == 2 and b"pos. lim" in slot[10:].lower():
-            low, high = struct.unpack(">ii", slot[2:10])
-            return Limits(low, high) if -32768 <= low < high <= 32767 else None
+        if len(slot) >= 2 + size and tuple(slot[:2]) == kind and text in slot[2 + size :].lower():
+            return slot[2 : 2 + size]
     return None
 
 
-def parameters(hand: int, limits: Limits) -> bytes:
+def parameters(hand: int, limits: Limits, control: int = 0) -> bytes:
     """Returns an answer to PARAMETERS as newer firmware sends it, with the parameters that a driver reads."""
     entries = [
         (2, struct.pack(">B", hand), "1 - Device ID:"),
-        (0, b"\x01", "10 - Pos. limit active:"),
+        (_FLAG, bytes((control,)), "6 - Control mode:"),
+        (_FLAG, b"\x01", "10 - Pos. limit active:"),
         (_INT32, struct.pack(">ii", *limits), "11 - Pos. limits [inf, sup]:"),
         (3, struct.pack(">h", 1500), "13 - Current limit:"),
     ]
-    sizes = {0: 1, 2: 1, 3: 2, _INT32: 4}
+    sizes = {_FLAG: 1, 2: 1, 3: 2, _INT32: 4}
     body = bytes((Cmd.PARAMETERS, len(entries)))
     for kind, values, text in entries:
         body += (bytes((kind, len(values) // sizes[kind])) + values + text.encode("ascii")).ljust(PARAMETER, b"\0")

@@ -82,6 +82,10 @@ class UrConfig(DeviceConfig):
     payload_cog: Annotated[tuple[Finite, Finite, Finite], PerElement(POINT)] = Field(
         (0.0, 0.0, 0.0), description="m, its centre in the flange's frame"
     )
+    tcp: Annotated[tuple[Finite, ...], PerElement(("x", "y", "z", "rx", "ry", "rz"))] | None = Field(
+        None,
+        description="m and rotation vector (rad): the tool's centre in the flange's frame; None: as at the pendant",
+    )
     buttons: dict[str, int] = Field({}, description="name: number of the digital input (0 to 17)")
 
     @field_validator("port")
@@ -104,4 +108,6 @@ class UrConfig(DeviceConfig):
             raise ValueError("payload_cog without payload")
         if any(abs(x) > 1 for x in self.payload_cog):
             raise ValueError("payload_cog is in m, at most 1 either way")
+        if self.tcp is not None and any(abs(x) > 2 for x in self.tcp[:3]):
+            raise ValueError("tcp is in m, at most 2 either way")
         return self

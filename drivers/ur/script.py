@@ -31,7 +31,7 @@ def {name}():
   silent = 0
   strange = 0
   state = {{ready}}
-{payload}  write_output_integer_register({sequence}, taken)
+{setup}  write_output_integer_register({sequence}, taken)
   write_output_integer_register({state}, state)
   write_output_integer_register({nonce_at}, nonce)
   while state <= {{following}}:
@@ -93,11 +93,11 @@ def program(config: UrConfig, nonce: int) -> str:
         if config.interface == "velocity"
         else f"servoj(goal, 0, 0, {CYCLE}, {config.lookahead}, {config.gain})"
     )
-    payload = ""
+    setup = ""
     if config.payload is not None:
         x, y, z = config.payload_cog
         # Setting the payload zeroes the force sensor, even while something is touched. So it is set only if it differs.
-        payload = f"""\
+        setup = f"""\
   told = get_target_payload_cog()
   cog = [{x:.6f}, {y:.6f}, {z:.6f}]
   other = norm(told[0] - cog[0]) + norm(told[1] - cog[1]) + norm(told[2] - cog[2]) > 0.0001
@@ -105,11 +105,21 @@ def program(config: UrConfig, nonce: int) -> str:
     set_payload({config.payload:.6f}, cog)
   end
 """
+    if config.tcp is not None:
+        wanted = ", ".join(f"{value:.6f}" for value in config.tcp)
+        differ = " + ".join(f"norm(tcp[{i}] - wanted[{i}])" for i in range(6))
+        setup += f"""\
+  tcp = get_tcp_offset()
+  wanted = p[{wanted}]
+  if {differ} > 0.0001:
+    set_tcp(wanted)
+  end
+"""
     numbered = _TEXT.format(
         name=NAME, nonce=nonce, sequence=SEQUENCE, state=STATE, nonce_at=NONCE, mode=MODE, patience=PATIENCE,
         values=", ".join(f"read_input_float_register({VALUES + joint})" for joint in range(6)),
         strange=STRANGE, alone=ALONE, watchdog=WATCHDOG, motion=motion, deceleration=config.deceleration,
-        payload=payload,
+        setup=setup,
     )  # fmt: skip
     words = {mode.name.lower(): int(mode) for mode in Mode}
     return numbered.format(**words, **{state.name.lower(): int(state) for state in ScriptState})

@@ -18,7 +18,7 @@ from runtime.testing.twin_bench import TwinBench
 from sim.devices.examples import DEVICES
 
 WHO = {
-    "cyberglove": "a right glove with 22 sensors",
+    "cyberglove": "a right glove with 22 sensors, settings ",
     "dynamixel": "with 57600 baud and protocol 2 there are: 1 (MX-64 (model number 311))",
     "feetech": "1000000 baud, id 1: STS3215 (model number 777)",
     "firmata": "the firmware 'StandardFirmata.ino' 2.5",

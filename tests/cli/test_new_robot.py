@@ -74,7 +74,8 @@ def test_what_only_a_person_knows_is_asked_for(
     driver: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     endpoints = {"axis0.config.watchdog_timeout": {"id": 1, "type": "float"},
-                 "axis0.config.enable_watchdog": {"id": 2, "type": "bool"}}  # fmt: skip
+                 "axis0.config.enable_watchdog": {"id": 2, "type": "bool"},
+                 "axis0.config.motor.torque_constant": {"id": 3, "type": "float"}}  # fmt: skip
     file = folder / "flat_endpoints.json"
     file.write_text(json.dumps({"fw_version": "0.6.10", "hw_version": "4.4.58", "endpoints": endpoints}))
     typed = {

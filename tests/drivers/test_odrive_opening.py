@@ -107,6 +107,9 @@ def open_with(change, match, config=None, **options):
         (lambda rig: setattr(of(rig), "firmware", (0, 7, 0)), "has firmware 0.7.0; the profile says 0.6"),
         (lambda rig: setattr(of(rig, 1), "node", 1), "several ODrives have this node id"),
         (lambda rig: setattr(of(rig), "state", 3), "is in full calibration, not idle"),
+        (lambda rig: setattr(of(rig), "torque_constant", 0.05), "has a torque constant of 0.05 N m/A; the profile"),
+        (lambda rig: setattr(of(rig), "torque_constant", float("nan")), "has a torque constant of nan"),
+        (lambda rig: setattr(of(rig), "torque_constant_at", 7), "doesn't tell its torque constant"),
         (lambda rig: setattr(of(rig), "timeout_at", 7), "doesn't keep its watchdog's setting"),
     ],
 )

@@ -134,6 +134,24 @@ def test_a_refused_setting_is_an_error_with_its_name():
     robot.close()
 
 
+def test_masses_that_an_earlier_program_left_are_refused(pair):
+    def opened(**options):
+        robot = Robot(10)
+        robot.state["m_load"], robot.state["m_ee"] = 2.0, 0.73
+        with robot.running():
+            Panda("arm", PandaConfig(port=robot.address, **options)).open()
+
+    with pytest.raises(DeviceError, match=r"a load of 2 kg, .*the profile names none.*load: {mass: 0}"):
+        opened()
+    with pytest.raises(DeviceError, match=r"the end effector set in Desk is 0.73 kg, the profile says 0.5"):
+        opened(load={"mass": 1.0}, end_effector=0.5)
+    robot = Robot(5)
+    robot.state["m_load"], robot.state["m_ee"] = 2.0, 0.73
+    one = pair(robot=robot, load={"mass": 0.0}, end_effector=0.73)
+    assert [body.mass for body in one.robot.requests if isinstance(body, SetLoad)] == [0.0]
+    assert "end effector 0.73 kg" in one.driver.health.message
+
+
 def test_a_robot_that_is_stopped_is_opened_and_gets_its_settings_later(pair):
     robot = Robot(10)
     robot.state["robot_mode"] = RobotMode.USER_STOPPED

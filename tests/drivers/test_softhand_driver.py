@@ -332,6 +332,21 @@ def test_the_range_is_assumed_where_the_hand_doesn_t_tell_and_the_profile_s_wher
         hand.close()
 
 
+@pytest.mark.parametrize(
+    ("control", "limits", "words"),
+    [
+        (2, None, "control its current, so a reference is no position"),
+        (9, None, "control its 9,"),
+        (0, (-500, 16_000), "within 0 and 19000 ticks; the profile's limits are -500 and 16000"),
+    ],
+)
+def test_what_the_hand_keeps_must_be_what_the_profile_means(control, limits, words):
+    made = twin()
+    made.control = control
+    with Server(made) as server, pytest.raises(DeviceError, match=words):
+        driver(server, limits=limits).open()
+
+
 def test_a_hand_without_a_watchdog_must_be_accepted(server):
     del server.twin._answers[protocol.Cmd.SET_WATCHDOG]
     with pytest.raises(DeviceError, match=r"doesn't acknowledge its watchdog.*'watchdog: 0'"):

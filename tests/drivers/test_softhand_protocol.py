@@ -10,11 +10,12 @@ from drivers.softhand.protocol import (
     Frame,
     Limits,
     Parser,
+    Settings,
     activate,
     frame,
     int16s,
     parameters,
-    parse_limits,
+    parse_settings,
     set_inputs,
     set_watchdog,
 )
@@ -97,24 +98,24 @@ def test_a_million_damaged_bytes():
     assert len(parser.feed(REPLY)) == 1
 
 
-@given(st.integers(-32768, 32766), st.integers(1, 65535), st.integers(1, 254))
-def test_limits_are_found_in_the_parameter_list(low, span, hand):
+@given(st.integers(-32768, 32766), st.integers(1, 65535), st.integers(1, 254), st.integers(0, 255))
+def test_limits_and_control_mode_are_found_in_the_parameter_list(low, span, hand, control):
     limits = Limits(low, min(low + span, 32767))
-    wire = parameters(hand, limits)
-    assert parse_limits(wire, hand) == limits
-    assert parse_limits(b"::\x01junk" + wire + b"more", hand) == limits
-    assert parse_limits(wire, hand + 1) is None
+    wire = parameters(hand, limits, control)
+    assert parse_settings(wire, hand) == Settings(limits, control)
+    assert parse_settings(b"::\x01junk" + wire + b"more", hand) == Settings(limits, control)
+    assert parse_settings(wire, hand + 1) is None
 
 
 @given(st.binary(max_size=300), st.integers(0, 250))
 def test_whatever_else_comes_gives_no_limits(garbage, at):
     wire = bytearray(parameters(1, Limits(0, 19000)))
-    assert parse_limits(garbage, 1) is None
+    assert parse_settings(garbage, 1) is None
     wire[at % len(wire)] ^= 1 << at % 8
-    assert parse_limits(bytes(wire), 1) in (None, Limits(0, 19000))
-    assert parse_limits(bytes(wire[: at % len(wire)]), 1) is None
+    assert parse_settings(bytes(wire), 1) in (None, Settings(Limits(0, 19000), 0))
+    assert parse_settings(bytes(wire[: at % len(wire)]), 1) is None
 
 
 def test_limits_that_can_t_be_are_none():
-    assert parse_limits(parameters(1, Limits(5, 5)), 1) is None
-    assert parse_limits(parameters(1, Limits(0, 40000)), 1) is None
+    assert parse_settings(parameters(1, Limits(5, 5)), 1) == Settings(None, 0)
+    assert parse_settings(parameters(1, Limits(0, 40000)), 1) == Settings(None, 0)

@@ -23,9 +23,12 @@ class Controller:
         self.watchdogs = []
         self.between = None
         self.told, self.payloads = (0.0, [0.0, 0.0, 0.0]), []
+        self.tcp, self.tcps = [0.0] * 6, []
         functions = {
             "get_target_payload": lambda: self.told[0],
             "get_target_payload_cog": lambda: self.told[1],
+            "get_tcp_offset": lambda: self.tcp,
+            "set_tcp": self.set_tcp,
             "norm": abs,
             "set_payload": self.set_payload,
             "read_input_integer_register": self.read_int,
@@ -41,6 +44,10 @@ class Controller:
     def set_payload(self, mass, cog):
         self.told = (mass, cog)
         self.payloads.append(self.told)
+
+    def set_tcp(self, pose):
+        self.tcp = list(pose)
+        self.tcps.append(self.tcp)
 
     def restart(self):
         """The program from its beginning, as after a recovery."""
@@ -98,6 +105,17 @@ def test_another_payload_is_set_once_and_not_again_at_a_recovery(told):
     controller.restart()
     controller.cycles(3)
     assert len(controller.payloads) == 1  # it would zero the force sensor while the arm is pressed against something
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_another_tool_centre_is_set_once(axis):
+    wanted = [0.1, 0.0, 0.15, 0.0, 1.5, 0.0]
+    controller = Controller(tcp=wanted)
+    controller.tcp = [value + 0.01 * (i == axis) for i, value in enumerate(wanted)]
+    controller.cycles(3)
+    controller.restart()
+    controller.cycles(3)
+    assert controller.tcps == [wanted]
 
 
 def test_a_command_that_was_there_before_it_is_not_obeyed():

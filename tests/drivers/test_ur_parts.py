@@ -54,6 +54,7 @@ def test_other_addresses_are_refused(port):
         {"buttons": {"a": 18}},
         {"payload_cog": (0.0, 0.0, 0.1)},
         {"payload": 1.0, "payload_cog": (0.0, 0.0, 50.0)},
+        {"tcp": (0.0, 0.0, 150.0, 0.0, 0.0, 0.0)},
         {"model": "UR5"},
         {"timeout": 0.001},
         {"gain": 50},

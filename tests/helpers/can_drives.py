@@ -46,6 +46,7 @@ ENDPOINTS = KeptFile(
             "endpoints": {
                 "axis0.config.watchdog_timeout": {"id": 323, "type": "float"},
                 "axis0.config.enable_watchdog": {"id": 325, "type": "bool"},
+                "axis0.config.motor.torque_constant": {"id": 197, "type": "float"},
             },
         }
     ).encode(),

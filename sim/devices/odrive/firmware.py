@@ -26,7 +26,7 @@ BEAT: Final = 100_000_000  # ns between two heartbeats
 ESTIMATES: Final = 10_000_000  # ns between two estimates
 POSITION_GAIN, VELOCITY_GAIN, INTEGRATOR = 20.0, 0.16, 0.32  # as delivered: 1/s, N m/(turn/s), N m/turn
 FIRMWARE, HARDWARE = (0, 6, 10), (4, 4, 58)
-TIMEOUT, ENABLE = 401, 402  # numbers of the endpoints, where the profile names no file
+TIMEOUT, ENABLE, TORQUE_CONSTANT = 401, 402, 403  # numbers of the endpoints, where the profile names no file
 ESTOP: Final = {"0.5": 0x4000, "0.6": 1 << 25}
 _OF_MOTOR: Final = {  # error bits of the motor by firmware
     "0.6": {WINDING_BIT: 0x2000, STAGE_BIT: 0x4000, VOLTAGE_BIT: 0x200},
@@ -43,6 +43,7 @@ class OdriveNode(Node):
         error: its error bits.
         state: its state.
         watchdog: s; 0: none.
+        torque_constant: N m/A, as it is set in the ODrive.
     """
 
     def __init__(self, chain: ActuatorChain, i: int, axis: OdriveAxis, config: OdriveConfig) -> None:
@@ -52,7 +53,8 @@ class OdriveNode(Node):
         self.serial = axis.serial or f"{0x3564_0000_0000 + axis.node:012X}"
         self.firmware: tuple[int, ...] = FIRMWARE
         self.hardware: tuple[int, ...] = HARDWARE
-        self.timeout_at, self.enable_at = TIMEOUT, ENABLE
+        self.timeout_at, self.enable_at, self.torque_constant_at = TIMEOUT, ENABLE, TORQUE_CONSTANT
+        self.torque_constant = axis.torque_constant
         # A world begins with an axis that was switched on where it is parked.
         if axis.encoder == "motor":
             assert axis.parked is not None
@@ -65,6 +67,7 @@ class OdriveNode(Node):
         """Becomes an ODrive to which the profile's file of endpoints belongs."""
         self.firmware, self.hardware = _numbers(endpoints.firmware), _numbers(endpoints.hardware)
         self.timeout_at, self.enable_at = endpoints.timeout, endpoints.enable
+        self.torque_constant_at = endpoints.torque_constant
 
     def _restart(self) -> None:
         self.state, self.error, self.reason = IDLE, 0, 0
@@ -197,7 +200,7 @@ class OdriveNode(Node):
 
     def _endpoint(self, data: bytes) -> Sequence[can.Message]:
         opcode, number = data[0], struct.unpack_from("<H", data, 1)[0]
-        if number not in (self.timeout_at, self.enable_at):
+        if number not in (self.timeout_at, self.enable_at, self.torque_constant_at):
             return ()
         if opcode == 1:
             if number == self.timeout_at and len(data) == 8:
@@ -206,7 +209,8 @@ class OdriveNode(Node):
                 self.armed = bool(data[4])
             self._apply()
             return ()
-        value = struct.pack("<f", self.watchdog) if number == self.timeout_at else bytes((self.armed,))
+        values = {self.timeout_at: self.watchdog, self.torque_constant_at: self.torque_constant}
+        value = struct.pack("<f", values[number]) if number in values else bytes((self.armed,))
         return (protocol.message(self.node, Command.TX_SDO, struct.pack("<BHB", 0, number, 0) + value),)
 
     # -- control

@@ -30,6 +30,7 @@ class SoftHandTwin(SerialTwin):
         echo: the adapter sends each byte back, as some RS485 adapters do.
         deaf: it obeys no unacknowledged frame, as if every such frame were lost.
         parameters: whether it answers PARAMETERS; older firmware doesn't.
+        control: the control mode that it tells; 0: position.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -40,6 +41,7 @@ class SoftHandTwin(SerialTwin):
         self.id = fake.config.id
         self.echo = self.deaf = False
         self.parameters = True
+        self.control = 0
         self.serial_number = SERIAL
         self._parser = Parser()
         self._watchdog = 0  # ns; 0: off
@@ -144,7 +146,8 @@ class SoftHandTwin(SerialTwin):
     def _parameters(self, found: Frame) -> bytes:
         if not self.parameters or found.data[:2] not in (b"", b"\0\0"):
             return b""
-        return protocol.parameters(self.id, protocol.Limits(self.hand.open_ticks, self.hand.closed_ticks))
+        limits = protocol.Limits(self.hand.open_ticks, self.hand.closed_ticks)
+        return protocol.parameters(self.id, limits, self.control)
 
     @property
     def _ticks(self) -> int:

@@ -140,6 +140,8 @@ class FakeUr(SampledFake):
         self.controller.slider = self.controller.scaling = options.slider
         if config.payload is not None:
             self.controller.know_payload(config.payload, config.payload_cog)
+        if config.tcp is not None:
+            self.controller.set_tcp(config.tcp)
         if options.start == "power-off":
             self.controller.power_off()
         self._arm = arm
