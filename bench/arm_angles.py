@@ -8,9 +8,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bench.pairs import Row, measure, there_and_back
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, average
-from runtime.control.ikns.markers import MarkerFit, Mask
+from srl.control.ikns.markers import MarkerFit, Mask
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, average
 
 _FRAMES = 50
 _AIM = 150.0  # us

@@ -23,13 +23,13 @@ import numpy as np
 
 from bench.live import running
 from bench.pairs import PAIRS, Row, measure
-from runtime.bus import process as bus_process
-from runtime.bus.client import Client, connect
-from runtime.ipc.child import Ending
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import RequestWriter
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.bus import process as bus_process
+from srl.runtime.bus.client import Client, connect
+from srl.runtime.ipc.child import Ending
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import RequestWriter
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
 
 SIGNAL = "finger/position_command/applied"  # stamped with the cycle's beginning
 NICE = -5  # as deploy/srl@.service sets it

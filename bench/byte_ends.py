@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.driver import DeviceConfig, Driver, Sensor
-from runtime.contracts.signals import Command, Kind, Signal, Stop
+from srl.runtime.contracts.driver import DeviceConfig, Driver, Sensor
+from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
 
 _FRAME: Final = struct.Struct("<BdB")  # mark, value, sum of the value's bytes
 _MARK: Final = 0xA5

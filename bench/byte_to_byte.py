@@ -30,21 +30,21 @@ import numpy as np
 from bench.by_hand import compiled
 from bench.byte_ends import PROFILE, Arm, Handle, frame, values
 from bench.pairs import PartlyError, Row, measure
-from runtime.contracts import registry
-from runtime.ipc.child import end_with_parent
-from runtime.ipc.requests import RequestWriter
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.loop import realtime
-from runtime.loop.clock import SPIN, MonotonicClock
-from runtime.loop.control_end import ControlEnd
-from runtime.loop.cycle import Cycle
-from runtime.loop.device import Device
-from runtime.loop.guards import limits_of
-from runtime.loop.loop import Loop
-from runtime.loop.process import rows_kept
-from runtime.loop.request_queue import RequestQueue
-from runtime.profile import profile, wiring
+from srl.runtime.contracts import registry
+from srl.runtime.ipc.child import end_with_parent
+from srl.runtime.ipc.requests import RequestWriter
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.loop import realtime
+from srl.runtime.loop.clock import SPIN, MonotonicClock
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.loop.loop import Loop
+from srl.runtime.loop.process import rows_kept
+from srl.runtime.loop.request_queue import RequestQueue
+from srl.runtime.profile import profile, wiring
 
 FRAMES: Final = {100: 80, 500: 200, 1000: 300}  # of one measurement, by the loop's rate, Hz
 LONGEST: Final = 5.0  # s that a loop runs

@@ -19,9 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from bench.pairs import Row, measure
-from drivers.mit_can import MitCan
-from drivers.mit_can.config import MitCanConfig
-from sim.devices.shared.can import GROUP
+from srl.drivers.mit_can import MitCan
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.sim.devices.shared.can import GROUP
 
 COUNTS: Final = (1, 4, 7)
 CYCLES: Final = 100  # per run: runs differ more than cycles do
@@ -133,9 +133,9 @@ def _twin(count: int) -> Iterator[None]:
 
 
 def _serve(count: int) -> None:
-    from sim.devices.mit_can.fake import FakeMitCan
-    from sim.devices.mit_can.twin import MitCanTwin
-    from sim.world.cell import Cell, CellConfig
+    from srl.sim.devices.mit_can.fake import FakeMitCan
+    from srl.sim.devices.mit_can.twin import MitCanTwin
+    from srl.sim.world.cell import Cell, CellConfig
 
     axes = {
         f"joint_{k}": {"axis": [0, 1, 0], "link": [0.1, 0, 0], "mass": 0.1, "lower": -3, "upper": 3, "model": MODEL}

@@ -19,9 +19,9 @@ import numpy as np
 
 from bench.by_hand import compiled
 from bench.pairs import PAIRS, Row, measure
-from runtime.loop import clock as clocks
-from runtime.loop import realtime
-from runtime.loop.clock import MonotonicClock
+from srl.runtime.loop import clock as clocks
+from srl.runtime.loop import realtime
+from srl.runtime.loop.clock import MonotonicClock
 
 
 def run(rate: int) -> list[Row]:

@@ -21,15 +21,15 @@ import numpy as np
 import pinocchio
 
 from bench.pairs import Pairs, Row, measure
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.body_motion import BodyMotion
-from runtime.control.skeleton.capsules import between, nearest
-from runtime.control.skeleton.collision import SPAN, CollisionConfig
-from runtime.control.skeleton.envelope import link_nodes
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from sim.parts.body.motion import Scripted
+from srl.control.skeleton.body_motion import BodyMotion
+from srl.control.skeleton.capsules import between, nearest
+from srl.control.skeleton.collision import SPAN, CollisionConfig
+from srl.control.skeleton.envelope import link_nodes
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.signals import Array
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.sim.parts.body.motion import Scripted
 
 clock = time.thread_time_ns  # time that other threads take on this processor counts for neither side
 

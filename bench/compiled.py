@@ -13,8 +13,8 @@ from dataclasses import replace
 
 from bench.pairs import Pairs, Row, measure
 from bench.superman import BLOCK, PHASES, Decisions
-from runtime.contracts.compiled import available, missing
-from runtime.loop import realtime
+from srl.runtime.contracts.compiled import available, missing
+from srl.runtime.loop import realtime
 
 # s of simulated time whose rows are decided on
 SPANS = {"moca-man": 1.5, "kairos-man": 3.0, "sixth-finger": 6.0, "moca-finger": 1.5}

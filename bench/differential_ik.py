@@ -16,18 +16,18 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from bench.pairs import PAIRS, Row, measure
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.signals import Array
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.robots import PANDA, SUMMIT_XL, UR16E, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, mobile_model
-from sim.world.mjcf import add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import add_arm
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA, SUMMIT_XL, UR16E, RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, mobile_model
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import add_arm
 
 BLOCK = 200  # solves measured one after another
 DT = 0.002  # s

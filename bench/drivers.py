@@ -18,11 +18,11 @@ from typing import Any, Final
 import numpy as np
 
 from bench.pairs import PartlyError, Row
-from runtime.contracts import registry
-from runtime.contracts.driver import Driver
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake, Twin, World
-from sim.devices.examples import DEVICES
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake, Twin, World
+from srl.sim.devices.examples import DEVICES
 
 FRAMES: Final = 500
 LEAST: Final = 100

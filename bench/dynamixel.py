@@ -19,8 +19,8 @@ from typing import Any, Final
 import numpy as np
 
 from bench.pairs import Row, measure
-from drivers.dynamixel import Dynamixel
-from drivers.dynamixel.config import DynamixelConfig
+from srl.drivers.dynamixel import Dynamixel
+from srl.drivers.dynamixel.config import DynamixelConfig
 
 EXCHANGES: Final = 150  # per run: runs differ more than exchanges do
 BAUDRATE: Final = 1_000_000
@@ -133,9 +133,9 @@ def _twin() -> Iterator[str]:
 
 
 def _serve() -> None:
-    from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
-    from sim.devices.dynamixel.twin import DynamixelTwin
-    from sim.world.cell import Cell, CellConfig
+    from srl.sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
+    from srl.sim.devices.dynamixel.twin import DynamixelTwin
+    from srl.sim.world.cell import Cell, CellConfig
 
     axes = {f"joint_{k}": {"model": model} for k, model in enumerate(MODELS, 1)}
     world = Cell(CellConfig.model_validate({"parts": {"arm": {"part": "dynamixel-chain", "axes": axes}}}), seed=0)

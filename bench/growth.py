@@ -22,15 +22,15 @@ from typing import Final
 import numpy as np
 
 from bench.pairs import Row, interval, measure
-from runtime.contracts import registry
-from runtime.contracts.world import Twin, World
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.words import CYCLE, DEVICE, State
-from runtime.loop.cycle import Cycle
-from runtime.loop.device import Device
-from runtime.loop.guards import limits_of
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.world import Twin, World
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.words import CYCLE, DEVICE, State
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 SHIPPED: Final = "servo-jog"
 LIMBS: Final = (1, 2, 4, 8)  # in one profile

@@ -8,9 +8,9 @@ from time import perf_counter_ns
 import numpy as np
 
 from bench.pairs import Row, measure
-from runtime.contracts.signals import Array
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
+from srl.runtime.contracts.signals import Array
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
 
 _BEGUN = 500  # cycles, until the wearer moves
 _FRAMES = 500

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import State
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import State
 
 _NAME = "bench"
 
@@ -25,7 +25,7 @@ def running(rate: int) -> Iterator[RunFolder]:
     """A run of the simulated sixth finger, once it is active."""
     with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
         os.environ["SRL_RUNTIME_DIR"] = scratch
-        command = [sys.executable, "-m", "runtime", "run", "sixth-finger", "--sim", "--instance", _NAME]
+        command = [sys.executable, "-m", "srl", "run", "sixth-finger", "--sim", "--instance", _NAME]
         process = subprocess.Popen([*command, "--set", f"rate={rate}"], stderr=subprocess.DEVNULL)
         folder = RunFolder(Path(scratch) / _NAME)
         try:

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 
 from bench.pairs import PAIRS, Row, measure
-from drivers.noitom import Noitom, NoitomConfig
-from drivers.noitom.protocol import COUNTS, TextParser, encode_binary, encode_text
-from runtime.contracts.signals import Array
+from srl.drivers.noitom import Noitom, NoitomConfig
+from srl.drivers.noitom.protocol import COUNTS, TextParser, encode_binary, encode_text
+from srl.runtime.contracts.signals import Array
 
 FRAMES: Final = 300
 RATE: Final = 120  # Hz

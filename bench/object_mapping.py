@@ -22,15 +22,15 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from bench.pairs import Row, measure, there_and_back
-from runtime.contracts.rotation import euler_angles, homogeneous
-from runtime.contracts.signals import Array
-from runtime.control.hand.extra_finger import ExtraFinger
-from runtime.control.hand.human_hand import hand_geometry
-from runtime.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
-from runtime.control.hand.point_series import PointSeries
-from runtime.control.models import FingerModel
-from runtime.control.shared.kinematics import Chain
-from sim.wearer import ScriptedWearer
+from srl.control.hand.extra_finger import ExtraFinger
+from srl.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
+from srl.control.hand.point_series import PointSeries
+from srl.control.shared.kinematics import Chain
+from srl.runtime.contracts.rotation import euler_angles, homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import hand_geometry
+from srl.runtime.models.models import FingerModel
+from srl.sim.wearer import ScriptedWearer
 
 FRAMES: Final = 60
 DT: Final = 0.01  # s from frame to frame

@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from bench.pairs import PAIRS, Row, measure
-from drivers.panda import Panda, packets
-from drivers.panda.config import PandaConfig
-from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Reply, RequestParser, Status, connect_reply, encode_reply
-from drivers.panda.requests import Connect, Move
+from srl.drivers.panda import Panda, packets
+from srl.drivers.panda.config import PandaConfig
+from srl.drivers.panda.packets import RobotMode
+from srl.drivers.panda.protocol import Reply, RequestParser, Status, connect_reply, encode_reply
+from srl.drivers.panda.requests import Connect, Move
 
 CYCLES = 1000
 AIM = 100.0  # us, of a cycle of 1000 us

@@ -20,9 +20,9 @@ import numpy as np
 
 from bench.live import running
 from bench.pairs import Row, measure
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.operator.client import OperatorPage
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.web.operator.client import OperatorPage
 
 RATES = (100, 1000)  # Hz
 PAIRS = 20

@@ -14,9 +14,9 @@ from typing import Any
 import mujoco
 
 from bench.pairs import Row, measure
-from runtime.ipc.words import State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
+from srl.runtime.ipc.words import State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
 
 PHASES = ("wait", "read", "control", "guard", "write")
 BLOCK = 200  # cycles of one measurement

@@ -7,8 +7,8 @@ import time
 
 import numpy as np
 
-from runtime.contracts.driver import DeviceConfig, Driver
-from runtime.contracts.signals import Command, Kind, Stop
+from srl.runtime.contracts.driver import DeviceConfig, Driver
+from srl.runtime.contracts.signals import Command, Kind, Stop
 
 COMMAND, STOP = b"C", b"S"
 SETTLED = 10  # commands before a trial's fault

@@ -16,10 +16,10 @@ from typing import Any, Final
 import numpy as np
 
 from bench.pairs import Row, measure, there_and_back
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Side, average
-from runtime.control.ikns.identify import Measures, identify, plug_in_gait
-from runtime.control.ikns.markers import MarkerFit
+from srl.control.ikns.identify import Measures, identify, plug_in_gait
+from srl.control.ikns.markers import MarkerFit
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Side, average
 
 _FRAMES: Final = 40
 _STATURE: Final = 1.679  # m, of the recording's person

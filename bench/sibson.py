@@ -20,8 +20,8 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
 from bench.pairs import Row, measure
-from runtime.contracts.signals import Array
-from runtime.control.ikns.sibson import Sibson
+from srl.control.ikns.sibson import Sibson
+from srl.runtime.contracts.signals import Array
 
 BLOCK = 400  # queries measured one after another
 AIM = 60.0  # us with ten sites

@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any, NamedTuple, cast
 
 from bench.pairs import PAIRS, Row, measure
-from runtime.profile import profile
+from srl.runtime.profile import profile
 
 
 class Simulated(NamedTuple):
@@ -55,7 +55,7 @@ def moca_man() -> list[Row]:
 
 def _run(name: str) -> list[Row]:
     span, count, aim, phases = PROFILES[name]
-    command = [sys.executable, "-m", "runtime", "run", name, "--sim", "--instance", "bench", "--json", "--fast"]
+    command = [sys.executable, "-m", "srl", "run", name, "--sim", "--instance", "bench", "--json", "--fast"]
     stepped = [sys.executable, "-m", "bench.simulated", name]
 
     def ours() -> dict[str, float]:
@@ -90,9 +90,9 @@ def _speed(name: str, which: str) -> dict[str, float]:
     """Simulated s per s of the wall's clock and of the processor; only the stepping is timed."""
     import mujoco
 
-    from runtime.loop.lockstep import Lockstep
-    from runtime.profile import wiring
-    from sim.world.cell import Cell
+    from srl.runtime.loop.lockstep import Lockstep
+    from srl.runtime.profile import wiring
+    from srl.sim.world.cell import Cell
 
     checked, source = profile.load(name)
     graph = wiring.build(checked, source, [])

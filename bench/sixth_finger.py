@@ -17,7 +17,7 @@ def _srl(*arguments: str) -> dict[str, Any]:
     command = [
         sys.executable,
         "-m",
-        "runtime",
+        "srl",
         "run",
         "sixth-finger",
         "--sim",

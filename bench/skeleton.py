@@ -22,19 +22,19 @@ import numpy as np
 
 from bench.noitom import Software
 from bench.pairs import Row, measure
-from drivers.noitom import NoitomConfig
-from drivers.noitom.pose import Pose
-from drivers.noitom.protocol import BinaryParser, TextParser, encode_binary, encode_text
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.rotation import euler_angles, matrices
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.arms import SIDES
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.skeleton.paper import PaperVector
-from sim.parts.body.motion import Scripted
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.paper import PaperVector
+from srl.drivers.noitom import NoitomConfig
+from srl.drivers.noitom.pose import Pose
+from srl.drivers.noitom.protocol import BinaryParser, TextParser, encode_binary, encode_text
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.rotation import euler_angles, matrices
+from srl.runtime.models.models import ArmsModel
+from srl.runtime.models.skeleton import bvh
+from srl.runtime.models.skeleton.arms import SIDES
+from srl.sim.parts.body.motion import Scripted
 
 _FRAMES: Final = 200
 _SHARED: Final = Path(__file__).resolve().parents[2] / "shared"

@@ -27,12 +27,12 @@ from typing import IO, Any, Final
 import numpy as np
 
 from bench import standstill
-from runtime.contracts.errors import HostError, SrlError
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.contracts.errors import HostError, SrlError
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, Cause, State
 
 PROFILE: Final = "moca-man"  # the shipped one with the most devices, laws and commands
 PERIOD: Final = 1.0  # s between two looks
@@ -53,7 +53,7 @@ LAP: Final = [
 ]
 LAP_TIME: Final = 10.0  # s: no lap is faster
 MIB: Final = 1 << 20
-_SRL: Final = (sys.executable, "-m", "runtime")
+_SRL: Final = (sys.executable, "-m", "srl")
 _MODULES: Final = ("loop", "bus", "recorder")
 
 
@@ -257,7 +257,7 @@ def _children(pid: int) -> dict[str, int]:
     with suppress(OSError):
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             line = Path(f"/proc/{child}/cmdline").read_bytes().decode(errors="replace").split("\0")
-            found |= {name: int(child) for name in _MODULES if f"runtime.{name}" in line}
+            found |= {name: int(child) for name in _MODULES if f"srl.runtime.{name}" in line}
     return found
 
 

@@ -32,14 +32,14 @@ import numpy as np
 
 from bench.pairs import Row
 from bench.pty_arm import PROFILE, SETTLED, STOP, PtyArm
-from runtime.contracts import registry
-from runtime.ipc import run_folder as folders
-from runtime.ipc.child import PARENT, Ending, starting
-from runtime.ipc.launch import Launch
-from runtime.ipc.run_folder import RunFolder
-from runtime.loop import process as loop_process
-from runtime.loop.control_end import ControlEnd
-from runtime.service import supervisor as service
+from srl.runtime.contracts import registry
+from srl.runtime.ipc import run_folder as folders
+from srl.runtime.ipc.child import PARENT, Ending, starting
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.loop import process as loop_process
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.service import supervisor as service
 
 TRIALS = 20
 OVERRUN = 1.5  # periods that an overrunning loop's cycle takes

@@ -23,12 +23,12 @@ import numpy as np
 
 from bench import differential_ik, phases
 from bench.pairs import PAIRS, Pairs, Row, rounds
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.words import CYCLE, DEVICE, State
-from runtime.loop import realtime
-from runtime.loop.clock import MonotonicClock
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.words import CYCLE, DEVICE, State
+from srl.runtime.loop import realtime
+from srl.runtime.loop.clock import MonotonicClock
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
 
 RATE = 1000
 SPAN = 1.5  # s per run
@@ -124,8 +124,8 @@ class Decisions:
         """Returns the us of only the rigid-body calls that MOCA's laws make; all of them belong to control."""
         import pinocchio as pin
 
-        from runtime.control.cobot.whole_body import BASE, ArmDynamics, WholeBody
-        from runtime.control.robots import PANDA
+        from srl.control.cobot.whole_body import BASE, ArmDynamics, WholeBody
+        from srl.runtime.models.robots import PANDA
 
         body, arm = WholeBody(PANDA, np.eye(4), np.eye(4)), ArmDynamics(PANDA)
         q, qd = np.zeros(BASE + PANDA.n), np.full(PANDA.n, 0.1)

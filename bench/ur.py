@@ -18,11 +18,11 @@ from typing import Any, Final
 import numpy as np
 
 from bench.pairs import PAIRS, Pairs, Row, rounds
-from drivers.transport import Transport, open_transport
-from drivers.ur import rtde, sample
-from drivers.ur.handshake import Handshake
-from runtime.contracts.errors import DeviceError
-from runtime.testing.twin_bench import TwinBench
+from srl.drivers.transport import Transport, open_transport
+from srl.drivers.ur import rtde, sample
+from srl.drivers.ur.handshake import Handshake
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.testing.twin_bench import TwinBench
 
 SECONDS: Final = 0.37  # of one window: the kernel throttles, and others work, by the second
 PATIENCE: Final = 60.0  # s for the twin to begin

@@ -13,15 +13,15 @@ import pinocchio as pin
 
 from bench.differential_ik import PLACE, Ours, Solve, timed
 from bench.pairs import PAIRS, Row, measure
-from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Array
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.kairos_qp import KairosQp, KairosQpConfig
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.cobot.moca_qp import MocaQp, MocaQpConfig
-from runtime.control.robots import PANDA, SUMMIT_XL, UR16E, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, mobile_model
-from studies.superman.as_published import OFF
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.kairos_qp import KairosQp, KairosQpConfig
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from srl.control.cobot.moca_qp import MocaQp, MocaQpConfig
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA, SUMMIT_XL, UR16E, RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, mobile_model
+from srl.studies.superman.as_published import OFF
 
 _DISTANCES: Any = {"distances": {"tool": {"end": (0.0, 0.0, 0.15), "radius": 0.06}}}
 _PEER = "bare kinematics"

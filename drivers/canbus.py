@@ -18,7 +18,7 @@ from urllib.parse import parse_qsl, urlsplit
 import can
 from can.interfaces.udp_multicast.utils import pack_message
 
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 MOST = 256  # frames in one read, so that a flood can't block the loop
 PAUSE = 50_000_000  # ns between two reads, after which frames without a time of the kernel may have waited so long

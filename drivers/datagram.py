@@ -12,7 +12,7 @@ import select
 import socket
 from urllib.parse import urlsplit
 
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 LARGEST = 65536  # bytes
 MOST = 256  # datagrams in one read, so that a flood can't block the loop

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import acos, cos, radians
 from typing import Final
 
-from runtime.contracts.rotation import Quaternion, Vector, turned
+from srl.runtime.contracts.rotation import Quaternion, Vector, turned
 
 _TAU: Final = 5.0  # s, over which the acceleration of motion averages out, also of walking in a circle
 MOST: Final = 4e3  # m/s^2

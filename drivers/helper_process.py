@@ -10,7 +10,7 @@ import sys
 import time
 from typing import NoReturn
 
-from runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.errors import DeviceError
 
 
 class ProcessEndedError(Exception):

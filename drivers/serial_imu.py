@@ -9,10 +9,10 @@ from typing import ClassVar, Final, Generic, Protocol, TypeVar
 import numpy as np
 from pydantic import Field
 
-from drivers.transport import Transport
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array
+from srl.drivers.transport import Transport
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Array
 
 SILENT: Final = 5_000_000_000  # ns without a good frame after which the port is opened anew
 FROZEN: Final = 500_000_000  # ns of the very same values: a sensor that lies still flickers in its last bits

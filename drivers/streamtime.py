@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
 
-from drivers.devicetime import DeviceTime
-from drivers.pause import SAME, Pause
-from runtime.contracts.driver import Health
-from runtime.contracts.errors import DeviceLostError
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.pause import SAME, Pause
+from srl.runtime.contracts.driver import Health
+from srl.runtime.contracts.errors import DeviceLostError
 
 _LEARN: Final = (1, 2, 5, 10, 20, 40)  # s after which the rate is estimated anew, then every 40 s
 _END: Final = 0.2  # fraction of that time, at its beginning and at its end

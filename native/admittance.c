@@ -1,4 +1,4 @@
-/* runtime/control/cobot/admittance.py, virtual_mass.py, energy_tank.py, release.py: the same order of operations, so the
+/* control/cobot/admittance.py, virtual_mass.py, energy_tank.py, release.py: the same order of operations, so the
  * same bits. A force that isn't finite and `force_age` are Python's. */
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* runtime/control/cobot/kairos_clik.py: eqs. 10 to 17; and contact_compliance.py, where the load is identified. */
+/* control/cobot/kairos_clik.py: eqs. 10 to 17; and contact_compliance.py, where the load is identified. */
 #include <string.h>
 
 #include "law.h"

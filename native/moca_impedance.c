@@ -1,4 +1,4 @@
-/* runtime/control/cobot/moca_impedance.py: eqs. 2 to 9. A load that comes or goes is Python's. */
+/* control/cobot/moca_impedance.py: eqs. 2 to 9. A load that comes or goes is Python's. */
 #include <string.h>
 
 #include "chain.h"

@@ -138,7 +138,7 @@ static PyType_Slot bound_slots[] = {
 };
 
 static PyType_Spec bound_spec = {
-    .name = "runtime._compiled.Bound",
+    .name = "srl.runtime._compiled.Bound",
     .basicsize = sizeof(Bound),
     .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION | Py_TPFLAGS_IMMUTABLETYPE,
     .slots = bound_slots,
@@ -149,7 +149,7 @@ static PyMethodDef methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "runtime._compiled", "Laws and guards in C.", -1,
+static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "srl.runtime._compiled", "Laws and guards in C.", -1,
                                         methods, NULL, NULL, NULL, NULL};
 
 PyMODINIT_FUNC PyInit__compiled(void) {

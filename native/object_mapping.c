@@ -1,4 +1,4 @@
-/* runtime/control/hand/object_mapping.py, virtual_object.py, sphere.py, extra_finger.py, shared/kinematics.py and
+/* control/hand/object_mapping.py, virtual_object.py, sphere.py, extra_finger.py, shared/kinematics.py and
  * symmetric.py, for one extra finger and a similarity: the same order of operations, so the same bits.
  *
  * Python's are: motions that are damped, fingertips nearly on a line, and a sphere on other points than the last. */

@@ -1,4 +1,4 @@
-/* runtime/control/cobot/tool_pose.py */
+/* control/cobot/tool_pose.py */
 #include <string.h>
 
 #include "chain.h"

@@ -1,4 +1,4 @@
-/* What the laws of an arm on a mobile base share: runtime/control/shared/spd6.py, priority.py and add_base. */
+/* What the laws of an arm on a mobile base share: control/shared/spd6.py, priority.py and add_base. */
 #ifndef SRL_WHOLE_BODY_H
 #define SRL_WHOLE_BODY_H
 

@@ -1,5 +1,6 @@
-"""A client of a running instance's bus: states, events, requests, setpoints (docs/bus.md)."""
+"""A client of a running instance's bus: states, events, requests, setpoints; over a network with TLS (docs/bus.md)."""
 
-from runtime.bus.client import Client, Update, connect
+from srl.runtime.bus.client import Client, Update, connect
+from srl.runtime.contracts.tls import TlsConfig
 
-__all__ = ["Client", "Update", "connect"]
+__all__ = ["Client", "TlsConfig", "Update", "connect"]

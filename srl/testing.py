@@ -9,15 +9,15 @@ run = simulate(PROFILE, seconds=5)                             # a whole profile
 Nothing here needs pytest but the fixture.
 """
 
-from runtime.testing.bound import bound
-from runtime.testing.controller_conformance import ControllerConformance
-from runtime.testing.controller_rules import check_controller
-from runtime.testing.driver_conformance import DriverConformance
-from runtime.testing.driver_rules import check_driver
-from runtime.testing.lab import Lab
-from runtime.testing.part_conformance import PartConformance
-from runtime.testing.simulated import Simulated, simulate
-from runtime.testing.twin_bench import TwinBench
+from srl.runtime.testing.bound import bound
+from srl.runtime.testing.controller_conformance import ControllerConformance
+from srl.runtime.testing.controller_rules import check_controller
+from srl.runtime.testing.driver_conformance import DriverConformance
+from srl.runtime.testing.driver_rules import check_driver
+from srl.runtime.testing.lab import Lab
+from srl.runtime.testing.part_conformance import PartConformance
+from srl.runtime.testing.simulated import Simulated, simulate
+from srl.runtime.testing.twin_bench import TwinBench
 
 __all__ = [
     "ControllerConformance",

@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml import YAML
 
-from runtime.contracts.signals import Array
-from runtime.ipc.words import CYCLE, Cause
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from studies.toolkit.errors import StudyError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import CYCLE, Cause
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.studies.toolkit.errors import StudyError
 
 AFTER: Final = 0.5  # s, for which a run goes on after the robot stopped: what a stopped robot does is seen
 _BLOCK: Final = 4096  # rows

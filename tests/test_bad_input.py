@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli import main
-from runtime.profile import profile
+from srl.runtime.cli import main
+from srl.runtime.profile import profile
 
 TEXT = profile.find("sixth-finger")[1]
 

@@ -23,11 +23,11 @@ from helpers.run import call, environment
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from runtime.cli import MODULES
-from runtime.cli.check import check_guards
-from runtime.contracts import registry
-from runtime.profile import profile, wiring
-from sim.devices.examples import DEVICES
+from srl.runtime.cli import MODULES
+from srl.runtime.cli.check import check_guards
+from srl.runtime.contracts import registry
+from srl.runtime.profile import profile, wiring
+from srl.sim.devices.examples import DEVICES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="srl", exit_on_error=False)
     subparsers = parser.add_subparsers(required=True)
     for command in dict.fromkeys(MODULES.values()):
-        importlib.import_module(f"runtime.cli.{command}").add_parser(subparsers)
+        importlib.import_module(f"srl.runtime.cli.{command}").add_parser(subparsers)
     return parser
 
 
@@ -258,7 +258,7 @@ def test_the_example_runs_moves_and_replays(installed: Path) -> None:
         "l.rrd",
     )
     code = (
-        "import sys; from pathlib import Path; from runtime.recording.reader import read; import numpy as np\n"
+        "import sys; from pathlib import Path; from srl.runtime.recording.reader import read; import numpy as np\n"
         "r = read(Path(sys.argv[1])); q = r.value('finger.position_command.applied')[:, 0]\n"
         "asked = r.value('finger.position_command')[:, 0]; on = r.int('state') == 2\n"
         "print(np.ptp(r.value('lever.position')), np.ptp(q), abs(asked[on][0] - q[on][0]))"

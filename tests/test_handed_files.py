@@ -19,26 +19,26 @@ import pytest
 import test_handed_files_fuzz as fuzz
 from test_handed_files_fuzz import BIG, BVH, FORCES, GLOVE, HAND, POSES, SENSORS, file, forces, table, zipped
 
-from drivers.cyberglove import calibration
-from drivers.cyberglove.protocol import LABELS
-from runtime.bus import certificate_doubts, certificates
-from runtime.cli import main
-from runtime.contracts.errors import SrlError
-from runtime.contracts.file_says import file_says
-from runtime.contracts.files import KeptFile
-from runtime.contracts.tls import TlsConfig
-from runtime.control.ft.record import FtRecord
-from runtime.control.robots import urdf
-from runtime.control.shared import record_file
-from runtime.control.skeleton import bvh
-from runtime.profile import profile
-from runtime.recording import index, reader
-from sim.parts.body import mocap_motion
-from sim.parts.person.path import read_path
-from sim.wearer import inhard, load_wearer, topics
-from sim.wearer.forces import ForceRecording, load_forces
-from sim.wearer.mat5 import read_mat5
-from studies.toolkit import sheets
+from srl.control.cobot.ft_record import FtRecord
+from srl.drivers.cyberglove import calibration
+from srl.drivers.cyberglove.protocol import LABELS
+from srl.runtime.bus import certificate_doubts, certificates
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.file_says import file_says
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.tls import TlsConfig
+from srl.runtime.models import record_file
+from srl.runtime.models.robots import urdf
+from srl.runtime.models.skeleton import bvh
+from srl.runtime.profile import profile
+from srl.runtime.recording import index, reader
+from srl.sim.parts.body import mocap_motion
+from srl.sim.parts.person.path import read_path
+from srl.sim.wearer import inhard, load_wearer, topics
+from srl.sim.wearer.forces import ForceRecording, load_forces
+from srl.sim.wearer.mat5 import read_mat5
+from srl.studies.toolkit import sheets
 
 LONGEST: Final = 1500  # letters of an error
 PROFILE: Final = profile.find("sixth-finger")[1]

@@ -27,23 +27,23 @@ from helpers.arm_urdf import HIP
 from helpers.recording import make_layout, make_rows, make_run
 from pydantic import ValidationError
 
-from drivers.cyberglove import calibration
-from drivers.cyberglove.protocol import LABELS
-from drivers.odrive.config import PATHS, OdriveConfig
-from runtime.contracts.errors import OptionError, SrlError
-from runtime.contracts.files import KeptFile
-from runtime.control.robot_model import RobotModel
-from runtime.control.skeleton import bvh
-from runtime.ipc.layout import Layout
-from runtime.profile import edit, profile
-from runtime.recorder.process import Recorder
-from runtime.recording import reader
-from sim.parts.body import mocap_motion
-from sim.parts.person.path import read_path
-from sim.wearer import inhard, load_wearer, topics
-from sim.wearer.forces import ForceRecording, load_forces
-from sim.wearer.mat5 import read_mat5
-from studies.toolkit import sheets
+from srl.drivers.cyberglove import calibration
+from srl.drivers.cyberglove.protocol import LABELS
+from srl.drivers.odrive.config import PATHS, OdriveConfig
+from srl.runtime.contracts.errors import OptionError, SrlError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.skeleton import bvh
+from srl.runtime.profile import edit, profile
+from srl.runtime.recorder.process import Recorder
+from srl.runtime.recording import reader
+from srl.sim.parts.body import mocap_motion
+from srl.sim.parts.person.path import read_path
+from srl.sim.wearer import inhard, load_wearer, topics
+from srl.sim.wearer.forces import ForceRecording, load_forces
+from srl.sim.wearer.mat5 import read_mat5
+from srl.studies.toolkit import sheets
 
 MEMORY: Final = 1 << 30  # bytes beyond those of the tests' own process
 SECONDS: Final = 6.0  # of processor time for one file

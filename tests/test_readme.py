@@ -16,7 +16,7 @@ import pytest
 from helpers.run import ended, environment
 from helpers.wait import until
 
-from runtime.contracts import registry
+from srl.runtime.contracts import registry
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -37,7 +37,7 @@ class Shell:
         programs = folder / "bin"
         for each in (self.folder, programs):
             each.mkdir()
-        for name, arguments in (("srl", "-m runtime "), ("python", "")):
+        for name, arguments in (("srl", "-m srl "), ("python", "")):
             program = programs / name
             program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {arguments}"$@"\n')
             program.chmod(program.stat().st_mode | stat.S_IXUSR)

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from runtime.bus import requests
-from runtime.contracts import registry
-from runtime.ipc import control_socket, latches
-from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import CLIENTS, Cause, Latch, Origin, State
-from runtime.loop import device, process, rate, realtime, reset_inputs
-from runtime.loop.machine import Machine
-from runtime.profile import profile
-from runtime.service import actuators, supervisor
-from studies.faults import wire_trial
-from studies.faults.device_faults import KINDS
-from studies.faults.process_faults import FAULTS as PROCESS
-from studies.faults.study import OF_CLIENT, PART, TITLES
+from srl.runtime.bus import requests
+from srl.runtime.contracts import registry
+from srl.runtime.ipc import control_socket, latches
+from srl.runtime.ipc.requests import Answer, RequestKind
+from srl.runtime.ipc.words import CLIENTS, Cause, Latch, Origin, State
+from srl.runtime.loop import device, process, rate, realtime, reset_inputs
+from srl.runtime.loop.machine import Machine
+from srl.runtime.profile import profile
+from srl.runtime.service import actuators, supervisor
+from srl.studies.faults import wire_trial
+from srl.studies.faults.device_faults import KINDS
+from srl.studies.faults.process_faults import FAULTS as PROCESS
+from srl.studies.faults.study import OF_CLIENT, PART, TITLES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -51,7 +51,7 @@ def test_the_safety_pages_defaults_are_the_machines() -> None:
 
 
 def test_the_safety_page_says_who_may_end_which_stop_as_the_code_does() -> None:
-    """Write it anew: replace what stands between the two comments by `python -m runtime.ipc.latches`."""
+    """Write it anew: replace what stands between the two comments by `python -m srl.runtime.ipc.latches`."""
     text = (DOCS / "safety.md").read_text()
     (written,) = re.findall(r"<!-- latches: [^\n]* -->\n(.*?)\n<!-- end -->", text, re.DOTALL)
     assert written == latches.table()

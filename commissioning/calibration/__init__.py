@@ -1,0 +1,1 @@
+"""Calibration: the engine (steps, samples, refusals, report), and a folder for each kind."""

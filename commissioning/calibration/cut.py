@@ -11,13 +11,13 @@ from functools import partial
 from math import inf
 from typing import Any, Final
 
-from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.control.ikns.calibration import Thresholds
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
-from runtime.profile.part import frames_left, parsed
-from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source
+from srl.control.ikns.calibration import Thresholds
+from srl.runtime.contracts.errors import ProfileError, WiringError, nearest
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.part import frames_left, parsed
+from srl.runtime.profile.profile import ControllerEntry, Profile
+from srl.runtime.profile.source import Source
 
 LAW: Final = "ikns"
 ANGLES: Final = "arm-angles"

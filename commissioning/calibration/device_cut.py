@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from runtime.contracts import registry
-from runtime.contracts.errors import OptionError, ProfileError, RequestError, nearest
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, nearest
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 
 def device(checked: Profile, source: Source, what: str, chosen: str = "") -> str:

@@ -10,17 +10,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.calibration.guide import QuitError
-from runtime.calibration.keyed import Keyed
-from runtime.calibration.panel import NO_JOINT, PanelScreen
-from runtime.calibration.sources import Rows, RowSource, Tap
-from runtime.contracts.errors import HostError
-from runtime.control.servos.procedure import Procedure
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.jog.cut import Cut
-from runtime.jog.session import Session
-from runtime.service import arming
+from srl.commissioning.calibration.guide import QuitError
+from srl.commissioning.calibration.keyed import Keyed
+from srl.commissioning.calibration.panel import NO_JOINT, PanelScreen
+from srl.commissioning.calibration.servos.procedure import Procedure
+from srl.commissioning.calibration.sources import Rows, RowSource, Tap
+from srl.commissioning.jog.cut import Cut
+from srl.commissioning.jog.session import Session
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.service import arming
 
 _LOOK: Final = 0.05  # s between two looks at the rows
 _LOST: Final = "Nothing was written. Put the limb near its home and begin again"

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from runtime.calibration.screen import Screen
-from runtime.calibration.sources import Rows, RowSource
-from runtime.contracts.errors import SrlError
-from runtime.control.shared.guided import Procedure, Step
+from srl.commissioning.calibration.guided import Procedure, Step
+from srl.commissioning.calibration.screen import Screen
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.runtime.contracts.errors import SrlError
 
 
 class QuitError(SrlError):

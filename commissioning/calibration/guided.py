@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from runtime.contracts.wearer import Instruction
-from runtime.control.shared.marks import Indices
+from srl.commissioning.calibration.marks import Indices
+from srl.runtime.contracts.wearer import Instruction
 
 
 @dataclass(frozen=True)

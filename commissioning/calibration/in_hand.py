@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.errors import ProfileError
 
 HOLDER: Final = "calibration-hands"
 _HELD: Final = f"{HOLDER}/held"

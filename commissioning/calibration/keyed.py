@@ -11,17 +11,17 @@ from typing import Final
 from rich.console import Console
 from rich.text import Text
 
-from runtime.calibration.screen import Screen, picture
-from runtime.control.shared.guided import View
-from runtime.ipc.words import State
-from runtime.jog.screen import View as Joints
+from srl.commissioning.calibration.guided import View
+from srl.commissioning.calibration.screen import Screen, picture
+from srl.commissioning.jog.screen import View as Joints
+from srl.runtime.ipc.words import State
 
 KEYS: Final = "left, right held: move it   , . finely   Space, Esc: STOP   any other key brakes"
 _GUIDES: Final = ("enter", "backspace")
 
 
 class Keyed(Screen):
-    """Draws on the terminal of a `runtime.jog.session.Session`, as its face, and takes the keys that guide.
+    """Draws on the terminal of a `srl.commissioning.jog.session.Session`, as its face, and takes the keys that guide.
 
     A space is a stop, so "do joint 3 again" is typed `r3` Enter.
     """
@@ -54,7 +54,7 @@ class Keyed(Screen):
         return typed
 
     def key(self, key: str, state: State) -> bool:
-        """See `runtime.jog.session.Face`. What a jog does with `s` and `r` where it doesn't move stays."""
+        """See `srl.commissioning.jog.session.Face`. What a jog does with `s` and `r` where it doesn't move stays."""
         if not self._typed and (key, state) in (("s", State.READY), ("r", State.STOPPED)):
             return False
         if key == "enter":
@@ -73,7 +73,7 @@ class Keyed(Screen):
         return True
 
     def lines(self, view: Joints, width: int, height: int) -> list[str]:
-        """See `runtime.jog.session.Face`."""
+        """See `srl.commissioning.jog.session.Face`."""
         console = Console(
             file=io.StringIO(), width=width, force_terminal=True, color_system="standard", legacy_windows=False
         )

@@ -10,21 +10,21 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.sources import Rows, RowSource, Tap
-from runtime.contracts.errors import HostError
-from runtime.contracts.files import encoded
-from runtime.control.shared.guided import Procedure
-from runtime.ipc import latches
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.launch import Launch
-from runtime.ipc.requests import RequestKind, RequestWriter
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, Cause, State
-from runtime.profile.source import Source
-from runtime.service import standing
-from runtime.service.helpers import helpers
-from runtime.service.supervisor import Supervisor, state_dir
+from srl.commissioning.calibration.guided import Procedure
+from srl.commissioning.calibration.sources import Rows, RowSource, Tap
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.contracts.files import encoded
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.requests import RequestKind, RequestWriter
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.profile.source import Source
+from srl.runtime.service import standing
+from srl.runtime.service.helpers import helpers
+from srl.runtime.service.supervisor import Supervisor, state_dir
 
 _LIFE: Final = 2_000_000_000  # ns that a change of the mark may wait for a cycle
 _LOOK: Final = 0.05  # s between two looks at the rows

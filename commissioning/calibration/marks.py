@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.controller import Controller, Parameter
+from srl.runtime.contracts.controller import Controller, Parameter
 
 Indices = NDArray[np.intp]
 

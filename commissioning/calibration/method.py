@@ -12,19 +12,19 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pydantic import ValidationError
 
-from runtime.calibration.cut import find
-from runtime.calibration.live import Live
-from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps
-from runtime.calibration.screen import Screen
-from runtime.calibration.sources import RowSource, Simulated
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
-from runtime.control.shared.guided import Procedure, Samples
-from runtime.control.shared.record_file import NAME
-from runtime.ipc.layout import Layout
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration.cut import find
+from srl.commissioning.calibration.guided import Procedure, Samples
+from srl.commissioning.calibration.live import Live
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.screen import Screen
+from srl.commissioning.calibration.sources import RowSource, Simulated
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.models.record_file import NAME
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 
 class Outcome(Protocol):

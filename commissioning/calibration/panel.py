@@ -11,11 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Self
 
-from runtime.calibration.screen import Report, Screen
-from runtime.contracts.errors import HostError, SrlError
-from runtime.control.shared.guided import Step, View
-from runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd
-from runtime.ipc.run_folder import RunFolder
+from srl.commissioning.calibration.guided import Step, View
+from srl.commissioning.calibration.screen import Report, Screen
+from srl.runtime.contracts.errors import HostError, SrlError
+from srl.runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd
+from srl.runtime.ipc.run_folder import RunFolder
 
 _KEPT: Final = 6  # lines that the page shows
 _PERIOD: Final = 0.1  # s between two pictures of a step

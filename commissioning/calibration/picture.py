@@ -9,7 +9,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 
-from runtime.control.shared.record_file import RecordError
+from srl.runtime.models.record_file import RecordError
 
 
 def save(figure: Any, png: Path) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
-from runtime.contracts import registry
-from runtime.contracts.terms import POSE
-from runtime.control.models import context
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source, first_error
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.terms import POSE
+from srl.runtime.models.models import context
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source, first_error
 
 
 def pose_signals(checked: Profile, source: Source) -> dict[str, str | None]:

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.calibration.taps import Taps
-from runtime.calibration.target import write_record
-from runtime.contracts.errors import RequestError, nearest
-from runtime.contracts.files import Files, decoded
-from runtime.contracts.signals import Array
-from runtime.control.ikns import record
-from runtime.control.ikns.arm_angles import ArmAnglesConfig, one_arm
-from runtime.control.ikns.calibration import Calibration, CalibrationError, Recording, calibrate, flipped, refusals
-from runtime.control.ikns.noise import noise_of_c
-from runtime.control.ikns.samples import Samples, joined, trials, whole
-from runtime.profile import profile, wiring
+from srl.commissioning.calibration.ikns.samples import Samples, joined, trials, whole
+from srl.commissioning.calibration.taps import Taps
+from srl.commissioning.calibration.target import write_record
+from srl.control.ikns import record
+from srl.control.ikns.arm_angles import ArmAnglesConfig, one_arm
+from srl.control.ikns.calibration import Calibration, CalibrationError, Recording, calibrate, flipped, refusals
+from srl.control.ikns.noise import noise_of_c
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.files import Files, decoded
+from srl.runtime.contracts.signals import Array
+from srl.runtime.profile import profile, wiring
 
 
 @dataclass(frozen=True)

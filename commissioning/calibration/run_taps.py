@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.control.models import bodies
-from runtime.control.shared.guided import Samples
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
-from runtime.profile import profile
-from runtime.profile.plots import indices, split
-from runtime.profile.profile import ControllerEntry, Profile
+from srl.commissioning.calibration.guided import Samples
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
+from srl.runtime.models.models import bodies
+from srl.runtime.profile import profile
+from srl.runtime.profile.plots import indices, split
+from srl.runtime.profile.profile import ControllerEntry, Profile
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from runtime.control.shared.guided import Step, View
-from runtime.ipc.run_folder import RunFolder
+from srl.commissioning.calibration.guided import Step, View
+from srl.runtime.ipc.run_folder import RunFolder
 
 _PERIOD: Final = 0.1  # s between two pictures
 _BAR: Final = 30

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.calibration.result import Result
-from runtime.contracts.errors import RequestError
-from runtime.control.ikns import record
-from runtime.control.ikns.marks import MarksConfig
-from runtime.control.ikns.record import Record
+from srl.commissioning.calibration.ikns.marks import MarksConfig
+from srl.commissioning.calibration.result import Result
+from srl.control.ikns import record
+from srl.control.ikns.record import Record
+from srl.runtime.contracts.errors import RequestError
 
 
 class Senses:

@@ -14,35 +14,35 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.calibration.guide import Guide, QuitError
-from runtime.calibration.method import Method, Outcome
-from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps
-from runtime.calibration.screen import Report, Screen
-from runtime.calibration.sources import RowSource, recorded
-from runtime.calibration.target import check_target, write_record
-from runtime.contracts.errors import RequestError, SrlError
-from runtime.control.models import bodies
-from runtime.control.shared.guided import Procedure, Samples
-from runtime.ipc.launch import ANONYMOUS
-from runtime.ipc.run_folder import ROOM, free_bytes
-from runtime.profile import profile, shelf
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
-from runtime.recording.segments import check_target as check_recording
-from runtime.recording.segments import folder_of
-from runtime.service.end_signals import EndSignals
+from srl.commissioning.calibration.guide import Guide, QuitError
+from srl.commissioning.calibration.guided import Procedure, Samples
+from srl.commissioning.calibration.method import Method, Outcome
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.screen import Report, Screen
+from srl.commissioning.calibration.sources import RowSource, recorded
+from srl.commissioning.calibration.target import check_target, write_record
+from srl.runtime.contracts.errors import RequestError, SrlError
+from srl.runtime.ipc.launch import ANONYMOUS
+from srl.runtime.ipc.run_folder import ROOM, free_bytes
+from srl.runtime.models.models import bodies
+from srl.runtime.profile import profile, shelf
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
+from srl.runtime.recording.segments import check_target as check_recording
+from srl.runtime.recording.segments import folder_of
+from srl.runtime.service.end_signals import EndSignals
 
 _METHODS: Final = {
-    "ikns": "ikns_method.IknsMethod",
-    "intention": "intention_method.IntentionMethod",
-    "independent-operation": "task_method.TaskMethod",
-    "ft": "ft_method.FtMethod",
-    "glove": "glove_method.GloveMethod",
-    "frames": "frame_method.FrameMethod",
-    "emg": "emg_method.EmgMethod",
-    "suit": "suit_method.SuitMethod",
-    "servos": "servo_method.ServoMethod",
+    "ikns": "ikns.IknsMethod",
+    "intention": "intention.IntentionMethod",
+    "independent-operation": "task.TaskMethod",
+    "ft": "ft.FtMethod",
+    "glove": "glove.GloveMethod",
+    "frames": "frames.FrameMethod",
+    "emg": "emg.EmgMethod",
+    "suit": "suit.SuitMethod",
+    "servos": "servos.ServoMethod",
 }
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"
@@ -52,7 +52,9 @@ Computed = Outcome | SrlError
 def method_of(law: str) -> type[Method[Any, Any]]:
     """How one of `LAWS` is calibrated. Only its module is loaded: all of them take seconds."""
     module, _, name = _METHODS[law].partition(".")
-    found: type[Method[Any, Any]] = getattr(importlib.import_module(f"runtime.calibration.{module}"), name)
+    found: type[Method[Any, Any]] = getattr(
+        importlib.import_module(f"srl.commissioning.calibration.{module}.method"), name
+    )
     return found
 
 

@@ -13,18 +13,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.calibration.sources import LOOK, RowFile, Rows, RowSource, Tap
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Drive
-from runtime.contracts.world import Fake
-from runtime.control.servos.procedure import Procedure
-from runtime.control.setpoint.jog import HOLD, REST
-from runtime.ipc.words import DEVICE, LINK_CONNECTED
-from runtime.jog.cut import PRESS, WAY, Cut
-from runtime.jog.hold import FINE, PAUSE, Hold
-from runtime.jog.session import FRESH
-from runtime.loop.lockstep import Lockstep
+from srl.commissioning.calibration.servos.procedure import Procedure
+from srl.commissioning.calibration.sources import LOOK, RowFile, Rows, RowSource, Tap
+from srl.commissioning.jog.cut import PRESS, WAY, Cut
+from srl.commissioning.jog.hold import FINE, PAUSE, Hold
+from srl.commissioning.jog.session import FRESH
+from srl.control.setpoint.jog import HOLD, REST
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Drive
+from srl.runtime.contracts.world import Fake
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED
+from srl.runtime.loop.lockstep import Lockstep
 
 _REPEAT: Final = 0.033  # s between repeats of a held key
 _NEAR: Final = 0.04  # rad, from where on the fine keys are used

@@ -12,18 +12,18 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.cut import build
-from runtime.calibration.run_taps import RunTaps
-from runtime.calibration.screen import Screen
-from runtime.contracts.errors import ProfileError, RecordingError
-from runtime.control.shared.guided import Procedure
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.run_folder import RunFolder
-from runtime.loop.lockstep import Lockstep
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
-from runtime.recording.reader import read
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.guided import Procedure
+from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.screen import Screen
+from srl.runtime.contracts.errors import ProfileError, RecordingError
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
+from srl.runtime.recording.reader import read
 
 Rows = NDArray[np.int64]
 LOOK: Final = 0.2  # s of simulated time between two looks at the procedure
@@ -120,8 +120,8 @@ class RowFile:
     """A recording that this process writes itself."""
 
     def __init__(self, layout: Any, path: Path) -> None:
-        from runtime.recorder.stream import Stream
-        from runtime.recording.segments import check_target
+        from srl.runtime.recorder.stream import Stream
+        from srl.runtime.recording.segments import check_target
 
         check_target(path)
         with tempfile.TemporaryDirectory(prefix="srl-") as scratch:

@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.cut import MARKS
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.control.ikns.marks import MarksConfig
-from runtime.control.ikns.samples import Samples
-from runtime.ipc.layout import Layout
+from srl.commissioning.calibration.cut import MARKS
+from srl.commissioning.calibration.ikns.marks import MarksConfig
+from srl.commissioning.calibration.ikns.samples import Samples
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
 
 _FRAME: Final = "chest"  # of a hand whose law doesn't say in which frame it gives it
 

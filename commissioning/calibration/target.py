@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from runtime.contracts.entry import BaseModel
-from runtime.control.shared import record_file
-from runtime.control.shared.record_file import RecordError
-from runtime.ipc import older
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.ipc import older
+from srl.runtime.models import record_file
+from srl.runtime.models.record_file import RecordError
 
 
 def write_record(path: Path, record: BaseModel, replacing: bool) -> None:

@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.calibration.order import LAWS, Order
-from runtime.cli import add_command
+from srl.commissioning.calibration.order import LAWS, Order
+from srl.runtime.cli import add_command
 
 if TYPE_CHECKING:
-    from runtime.calibration.screen import Screen
+    from srl.commissioning.calibration.screen import Screen
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -58,8 +58,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0 once the file is written. Errors are raised: a calibration that is refused is one."""
-    from runtime.calibration import session
-    from runtime.calibration.screen import Plain, Terminal
+    from srl.commissioning.calibration import session
+    from srl.commissioning.calibration.screen import Plain, Terminal
 
     screen: Screen = Plain(lambda text: print(text, file=sys.stderr, flush=True))
     title = f"srl calibrate {args.profile} {args.law}{f': {args.person}' if args.person else ''}"
@@ -73,8 +73,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _on_panel(args: argparse.Namespace, title: str) -> Screen:
     """Raises RequestError: nobody does anything that a page could guide."""
-    from runtime.calibration.panel import PanelScreen
-    from runtime.contracts.errors import RequestError
+    from srl.commissioning.calibration.panel import PanelScreen
+    from srl.runtime.contracts.errors import RequestError
 
     if args.recording:
         raise RequestError("--panel", "a calibration from recordings isn't guided", "Leave out one of the two")

@@ -13,14 +13,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
-from runtime.cli import add_command
-from runtime.cli.printable import printable
-from runtime.contracts import registry
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, RequestError, SrlError
-from runtime.service import serial_ports
-from runtime.service.fitness import serial
-from runtime.service.serial_ports import SerialPort
+from srl.runtime.cli import add_command
+from srl.runtime.cli.printable import printable
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, RequestError, SrlError
+from srl.runtime.service import serial_ports
+from srl.runtime.service.fitness import serial
+from srl.runtime.service.serial_ports import SerialPort
 
 _PERIOD = 0.1  # s between two looks: what takes a port away again (brltty does) leaves it for half a second
 _STEADY = 10  # looks in a row that see the same: by then udev has made the links and rights of a new port

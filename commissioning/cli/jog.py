@@ -6,7 +6,7 @@ import argparse
 import re
 import sys
 
-from runtime.cli import add_command
+from srl.runtime.cli import add_command
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -34,17 +34,15 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Runs until q, a signal or the loss of the terminal. Returns 0, or 1 after a fault."""
-    from runtime.cli.check import check_certificates, check_guards
-    from runtime.cli.console import Console
-    from runtime.cli.run import check_names
-    from runtime.contracts.errors import RequestError
-    from runtime.ipc.events import Level
-    from runtime.jog.cut import cut
-    from runtime.jog.session import Session
-    from runtime.profile import profile
-    from runtime.service import arming
+    from srl.commissioning.jog.cut import cut
+    from srl.commissioning.jog.session import Session
+    from srl.runtime.cli.check import check_certificates, check_guards
+    from srl.runtime.cli.console import Console
+    from srl.runtime.contracts.errors import RequestError
+    from srl.runtime.ipc.events import Level
+    from srl.runtime.profile import profile
+    from srl.runtime.service import arming
 
-    check_names()
     if args.panel and args.step:
         raise RequestError("--step", "it is for a terminal's keys", "Leave out --step, or --panel")
     made = cut(*profile.load(args.profile, args.set), args.device, args.speed, args.sim, args.panel)

@@ -1,9 +1,9 @@
 """`srl new`: writes a user's own profile, begun as one that comes with the runtime, and checks it.
 
-`--urdf FILE` makes it of a limb's URDF instead (`runtime.cli.new_robot`).
+`--urdf FILE` makes it of a limb's URDF instead (`srl.commissioning.cli.new_robot`).
 
-`srl new device NAME` writes a package for a device instead (`runtime.cli.new_device`). The word `device` alone is a
-profile's name like any other, where `--from` says what it begins as.
+`srl new device NAME` writes a package for a device instead (`srl.commissioning.cli.new_device`). The word `device`
+alone is a profile's name like any other, where `--from` says what it begins as.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from runtime.cli import add_command, new_ports
-from runtime.cli.check import examine
-from runtime.cli.printable import printable
-from runtime.contracts import registry, whole_file
-from runtime.contracts.errors import RequestError, SrlError, nearest
-from runtime.contracts.files import KeptFile
-from runtime.ipc import older
-from runtime.profile import profile
-from runtime.profile.begun import begin, check_name
-from runtime.profile.graph import Graph
-from runtime.profile.limb_drives import KINDS
-from runtime.profile.option_tree import options
-from runtime.profile.overrides import split
+from srl.commissioning.cli import new_ports
+from srl.commissioning.new.begun import begin, check_name
+from srl.commissioning.new.limb_drives import KINDS
+from srl.runtime.cli import add_command
+from srl.runtime.cli.check import examine
+from srl.runtime.cli.printable import printable
+from srl.runtime.contracts import registry, whole_file
+from srl.runtime.contracts.errors import RequestError, SrlError, nearest
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.ipc import older
+from srl.runtime.profile import profile
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.option_tree import options
+from srl.runtime.profile.overrides import split
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     check_name(args.name)
     target = _target(args)
     if args.urdf is not None:
-        from runtime.cli import new_robot
+        from srl.commissioning.cli import new_robot
 
         if args.template is not None:
             raise RequestError("--from", "--urdf says what the profile begins as", "Leave one of them out")
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         raise RequestError(f"--{typed}", "it is for a limb's URDF", "Give --urdf FILE, or leave it out")
     template, ports = args.template, list(args.port)
     if template is None:
-        from runtime.cli import new_questions
+        from srl.commissioning.cli import new_questions
 
         template = new_questions.template(args.name)
         ports += new_questions.ports(template, args.set, [_port(p)[0] for p in ports])
@@ -116,7 +117,7 @@ def _device(args: argparse.Namespace) -> int:
     if args.name != "device":
         problem = f"'{args.device}' is one name too many"
         raise RequestError("NAME", problem, "A name has no blanks; for a device's package: srl new device NAME")
-    from runtime.cli import new_device
+    from srl.commissioning.cli import new_device
 
     return new_device.write(args)
 
@@ -192,7 +193,7 @@ def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
 
 def _jogs(graph: Graph, name: str) -> Iterator[str]:
     """The commands that move each limb alone, which shows what no check can know: which joint is which, which way."""
-    from runtime.jog.cut import SPEED, cut
+    from srl.commissioning.jog.cut import SPEED, cut
 
     names = {actuator.name: graph.devices[actuator.device].name for actuator in graph.actuators}
     several = len(set(names.values())) > 1
@@ -207,8 +208,8 @@ def _jogs(graph: Graph, name: str) -> Iterator[str]:
 
 def _calibrations(graph: Graph, file: str) -> Iterator[str]:
     """The commands that make the calibration files which the profile names."""
-    from runtime.calibration.order import LAWS, Order
-    from runtime.calibration.session import method_of
+    from srl.commissioning.calibration.order import LAWS, Order
+    from srl.commissioning.calibration.session import method_of
 
     used = {entry.use for entry in graph.profile.controllers}
     for kind in map(method_of, LAWS):

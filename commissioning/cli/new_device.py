@@ -18,8 +18,8 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 
-from runtime.contracts import registry
-from runtime.contracts.errors import RequestError
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import RequestError
 
 _NAME = r"[a-z][a-z0-9]*([-_][a-z0-9]+)*"
 _LONGEST = 40
@@ -51,7 +51,7 @@ def package(name: str) -> dict[str, str]:
     """The package's files: text by path, as "srl_force_plate/driver.py"."""
     names = {"_gadget": f"_{_plain(name)}", "Gadget": _class(name), "gadget": name}  # in an identifier, a class, a text
     found = {}
-    for path, text in _templates(resources.files("runtime.cli") / "device", PurePosixPath()):
+    for path, text in _templates(resources.files("srl.commissioning.cli") / "device", PurePosixPath()):
         target, content = str(path).removesuffix(".txt"), text
         for word, own in names.items():
             target, content = target.replace(word, own), content.replace(word, own)
@@ -91,7 +91,7 @@ def check_name(name: str) -> None:
 def _imported() -> set[str]:
     """The names that the package's modules import, which none of its classes may have."""
     found: set[str] = set()
-    for path, text in _templates(resources.files("runtime.cli") / "device", PurePosixPath()):
+    for path, text in _templates(resources.files("srl.commissioning.cli") / "device", PurePosixPath()):
         if path.name.endswith(".py.txt"):
             imports = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom))
             found |= {name.name for node in imports for name in node.names}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 
-from runtime.cli.find_port import likely
-from runtime.profile.graph import Graph
-from runtime.profile.ports import local_path
-from runtime.service import serial_ports
+from srl.commissioning.cli.find_port import likely
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.ports import local_path
+from srl.runtime.service import serial_ports
 
 
 def remarks(graph: Graph) -> Iterator[str]:

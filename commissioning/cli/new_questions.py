@@ -7,14 +7,14 @@ import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
-from runtime.cli.find_port import likely
-from runtime.cli.printable import printable
-from runtime.contracts.errors import RequestError, nearest
-from runtime.profile import profile, shelf
-from runtime.profile.limb_drives import KINDS, Asked
-from runtime.profile.ports import local_path
-from runtime.service import serial_ports
-from runtime.service.serial_ports import SerialPort
+from srl.commissioning.cli.find_port import likely
+from srl.commissioning.new.limb_drives import KINDS, Asked
+from srl.runtime.cli.printable import printable
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.profile import profile, shelf
+from srl.runtime.profile.ports import local_path
+from srl.runtime.service import serial_ports
+from srl.runtime.service.serial_ports import SerialPort
 
 
 def template(name: str) -> str:

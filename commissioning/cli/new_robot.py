@@ -9,16 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from runtime.cli import new_ports, new_questions
-from runtime.cli.check import examine
-from runtime.cli.printable import printable
-from runtime.contracts import whole_file
-from runtime.contracts.errors import RequestError
-from runtime.ipc import older
-from runtime.profile.edit import edited
-from runtime.profile.from_urdf import Limb
-from runtime.profile.limb_drives import DEVICE, KINDS, Asked, Drives
-from runtime.profile.overrides import split
+from srl.commissioning.cli import new_ports, new_questions
+from srl.commissioning.new.from_urdf import Limb
+from srl.commissioning.new.limb_drives import DEVICE, KINDS, Asked, Drives
+from srl.runtime.cli.check import examine
+from srl.runtime.cli.printable import printable
+from srl.runtime.contracts import whole_file
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc import older
+from srl.runtime.profile.edit import edited
+from srl.runtime.profile.overrides import split
 
 
 def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:

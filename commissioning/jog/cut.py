@@ -11,20 +11,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from runtime.contracts import registry
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
-from runtime.contracts.signals import Command, Kind, Stop
-from runtime.contracts.terms import PLANAR_TWIST
-from runtime.control.setpoint.jog import HOLD
-from runtime.ipc import latches, presses
-from runtime.ipc.words import Latch
-from runtime.profile import profile, wiring
-from runtime.profile.builder import Builder
-from runtime.profile.graph import Actuator, Graph
-from runtime.profile.part import frames_left, parsed
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.control.setpoint.jog import HOLD
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
+from srl.runtime.contracts.signals import Command, Kind, Stop
+from srl.runtime.contracts.terms import PLANAR_TWIST
+from srl.runtime.ipc import latches, presses
+from srl.runtime.ipc.words import Latch
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.builder import Builder
+from srl.runtime.profile.graph import Actuator, Graph
+from srl.runtime.profile.part import frames_left, parsed
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 LAW: Final = "jog"
 WAY: Final = "terminal.way"

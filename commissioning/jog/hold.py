@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 PAUSE: Final = 0.8  # s without a key that end a step: consoles repeat a held key after 0.25 to 0.7 s by default
 FINE: Final = 0.2  # of the speed

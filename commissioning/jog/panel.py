@@ -8,13 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array, Kind
-from runtime.contracts.terms import POSITION_OF
-from runtime.ipc import latches
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import CYCLE, Cause, State
-from runtime.jog.cut import Cut
-from runtime.jog.screen import MOVES, Joint, View
+from srl.commissioning.jog.cut import Cut
+from srl.commissioning.jog.screen import MOVES, Joint, View
+from srl.runtime.contracts.signals import Array, Kind
+from srl.runtime.contracts.terms import POSITION_OF
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import CYCLE, Cause, State
 
 _LOADS: Final = ("effort", "torque", "force", "load", "current")
 

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Final, Self
 
-from runtime.ipc.presses import FRESH
-from runtime.ipc.run_folder import RunFolder
-from runtime.jog.hold import FINE, Hold
-from runtime.loop.control_end import ControlEnd, Datagram
+from srl.commissioning.jog.hold import FINE, Hold
+from srl.runtime.ipc.presses import FRESH
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.loop.control_end import ControlEnd, Datagram
 
 _MOST: Final = 16  # datagrams taken at once: a flood must not keep the run's own process busy
 

@@ -12,24 +12,24 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from runtime.contracts.files import encoded
-from runtime.ipc import latches
-from runtime.ipc.control_socket import LIFETIME, send_request
-from runtime.ipc.launch import Launch
-from runtime.ipc.requests import RequestKind, RequestWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, Cause, Latch, State
-from runtime.jog.cut import PRESS, WAY, Cut
-from runtime.jog.hold import Hold
-from runtime.jog.panel import Panel
-from runtime.jog.presses import Presses
-from runtime.jog.screen import View, lines
-from runtime.jog.terminal import Terminal
-from runtime.service.end_signals import EndSignals
-from runtime.service.helpers import helpers
-from runtime.service.standing import Standing
-from runtime.service.summary import WELL
-from runtime.service.supervisor import Supervisor, state_dir
+from srl.commissioning.jog.cut import PRESS, WAY, Cut
+from srl.commissioning.jog.hold import Hold
+from srl.commissioning.jog.panel import Panel
+from srl.commissioning.jog.presses import Presses
+from srl.commissioning.jog.screen import View, lines
+from srl.commissioning.jog.terminal import Terminal
+from srl.runtime.contracts.files import encoded
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.control_socket import LIFETIME, send_request
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.requests import RequestKind, RequestWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, Cause, Latch, State
+from srl.runtime.service.end_signals import EndSignals
+from srl.runtime.service.helpers import helpers
+from srl.runtime.service.standing import Standing
+from srl.runtime.service.summary import WELL
+from srl.runtime.service.supervisor import Supervisor, state_dir
 
 FRESH: Final = 0.03  # s that a press lives on its way to the loop, and a period and a half at least
 _TELL: Final = 0.02  # s between two words to the loop

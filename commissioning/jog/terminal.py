@@ -13,8 +13,8 @@ import termios
 import time
 from typing import Any, Final, Self
 
-from runtime.contracts.errors import HostError, RequestError
-from runtime.jog.keys import Keys
+from srl.commissioning.jog.keys import Keys
+from srl.runtime.contracts.errors import HostError, RequestError
 
 _BEGIN: Final = "\x1b[?1049h\x1b[?25l\x1b[?1004h"  # a screen of its own, no cursor, and word of a lost focus
 _END: Final = "\x1b[?1004l\x1b[?25h\x1b[?1049l"

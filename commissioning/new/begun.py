@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from runtime import __version__
-from runtime.contracts.errors import ProfileError, RequestError, nearest
-from runtime.profile import profile, shelf
-from runtime.profile.edit import content, edited, set_at
-from runtime.profile.overrides import split
+from srl.runtime import __version__
+from srl.runtime.contracts.errors import ProfileError, RequestError, nearest
+from srl.runtime.profile import profile, shelf
+from srl.runtime.profile.edit import content, edited, set_at
+from srl.runtime.profile.overrides import split
 
 
 @dataclass(frozen=True)

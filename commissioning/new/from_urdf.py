@@ -12,16 +12,16 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
 
-from runtime import __version__
-from runtime.contracts.errors import OptionError, RequestError
-from runtime.contracts.files import KeptFile
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.signals import Array
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots import RobotDescription
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from runtime.profile.edit import as_yaml
-from runtime.profile.limb_drives import KINDS, Drives, Joint
+from srl.commissioning.new.limb_drives import KINDS, Drives, Joint
+from srl.runtime import __version__
+from srl.runtime.contracts.errors import OptionError, RequestError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots import RobotDescription
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
+from srl.runtime.profile.edit import as_yaml
 
 _POSTURES: Final = 200
 ROOM: Final = 2.0  # a motor's stall torque over what the limb's weight asks of it

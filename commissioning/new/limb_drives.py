@@ -12,8 +12,8 @@ from typing import Any, ClassVar, Final, Literal, Protocol
 
 from pydantic import ValidationError
 
-from runtime.contracts import registry
-from runtime.contracts.errors import nearest
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import nearest
 
 DEVICE: Final = "arm"
 LEAD: Final = 0.01  # m/rad

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 SLACK: Final = 0.05  # rad or m, by which one sample may be off the motion
 LONGEST: Final = 0.05  # s, for which the last believed joints stand for those that are doubted

@@ -9,21 +9,21 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, ValidationInfo, field_validator
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.per_element import Positive
-from runtime.contracts.rotation import Vector
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE
-from runtime.contracts.transforms import Transform, coordinates, device, frame
-from runtime.control.arm.options import each, joints
-from runtime.control.arm.tool_target import ToolTarget
-from runtime.control.cobot.robot_distances import OPENING, DistancesConfig, RobotDistances
-from runtime.control.cobot.whole_body_qp import Approach, ArmLimitsConfig, Nearest, braking_curve
-from runtime.control.robot_model import RobotOption
-from runtime.control.robots import RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from runtime.control.shared.ramp import Ramps
+from srl.control.arm.options import each, joints
+from srl.control.arm.tool_target import ToolTarget
+from srl.control.cobot.robot_distances import OPENING, DistancesConfig, RobotDistances
+from srl.control.cobot.whole_body_qp import Approach, ArmLimitsConfig, Nearest, braking_curve
+from srl.control.shared.ramp import Ramps
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.runtime.contracts.transforms import Transform, coordinates, device, frame
+from srl.runtime.models.robot_model import RobotOption
+from srl.runtime.models.robots import RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SAME: Final = 1e-9  # rad or m, by which a command that was let through may differ

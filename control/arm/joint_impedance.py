@@ -12,22 +12,22 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, FiniteFloat, field_validator, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.errors import OptionError
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.per_element import NotNegative, Positive
-from runtime.contracts.rotation import Vector
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import QUATERNION
-from runtime.contracts.transforms import Transform, device, frame, measured
-from runtime.control.arm.believed import Believed
-from runtime.control.arm.options import each, joints
-from runtime.control.arm.sampled import GROWTH, cases, growth
-from runtime.control.arm.uprightness import Uprightness, by_frames, by_sensor
-from runtime.control.cobot.whole_body import LoadConfig
-from runtime.control.robot_model import WeighedRobot
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from runtime.control.shared.ramp import Ramps
+from srl.control.arm.believed import Believed
+from srl.control.arm.options import each, joints
+from srl.control.arm.sampled import GROWTH, cases, growth
+from srl.control.arm.uprightness import Uprightness, by_frames, by_sensor
+from srl.control.cobot.whole_body import LoadConfig
+from srl.control.shared.ramp import Ramps
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.per_element import NotNegative, Positive
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import QUATERNION
+from srl.runtime.contracts.transforms import Transform, device, frame, measured
+from srl.runtime.models.robot_model import WeighedRobot
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SOFT: Final = 0.25  # of K, below which D goes to zero with K itself, not with its root

@@ -7,17 +7,17 @@ from typing import Any, Final, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.errors import OptionError, WiringError
-from runtime.contracts.per_element import Positive
-from runtime.contracts.rotation import Vector
-from runtime.contracts.signals import Array
-from runtime.contracts.transforms import Transform, device
-from runtime.control.arm.options import each, joints
-from runtime.control.robot_model import RobotOption
-from runtime.control.robots import RobotDescription
-from runtime.control.shared.ramp import Ramps
+from srl.control.arm.options import each, joints
+from srl.control.shared.ramp import Ramps
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.errors import OptionError, WiringError
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.transforms import Transform, device
+from srl.runtime.models.robot_model import RobotOption
+from srl.runtime.models.robots import RobotDescription
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _BEGINNING: Final = 0.5  # s, in which it takes up its speed

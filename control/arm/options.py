@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from runtime.contracts.errors import OptionError
-from runtime.contracts.per_element import in_order
-from runtime.contracts.signals import Array, Signal
-from runtime.control.robots import RobotDescription
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.per_element import in_order
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.models.robots import RobotDescription
 
 
 def each(given: Mapping[str, float] | float, robot: RobotDescription, key: str) -> Array:

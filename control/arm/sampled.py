@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import expm
 
-from runtime.contracts.signals import Array
-from runtime.control.robots.pinocchio_model import FLANGE
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots.pinocchio_model import FLANGE
 
 STIFF: Final = 4e4  # N/m at the flange: the edge of a table, a door frame
 GROWTH: Final = 1.0  # 1/s, which any friction takes

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.rotation import Quaternion
-from runtime.contracts.signals import Array
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.rotation import Quaternion
+from srl.runtime.contracts.signals import Array
 
 _OFF: Final = 0.1  # by which a quaternion's length may be off 1
 _FASTEST: Final = 5.0  # m/s: what goes from one cycle to the next is a jump, and no motion to be led by

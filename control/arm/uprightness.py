@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, Vector, conjugate, product, turned
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.rotation import Quaternion, Vector, conjugate, product, turned
+from srl.runtime.contracts.signals import Array
 
 _UP: Final[Vector] = (0.0, 0.0, 1.0)  # of an inertial sensor's reference, and of a world frame
 _LYING: Final = pi / 2  # rad

@@ -8,13 +8,13 @@ import numpy as np
 import ruckig
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.per_element import Finite, Positive
-from runtime.contracts.signals import Array, Signal
-from runtime.control.arm.options import each, joints
-from runtime.control.robot_model import RobotOption
-from runtime.control.shared.ramp import Ramps
+from srl.control.arm.options import each, joints
+from srl.control.shared.ramp import Ramps
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.per_element import Finite, Positive
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.models.robot_model import RobotOption
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SAME: Final = 1e-6  # rad or m, by which a command that was let through may differ

@@ -18,20 +18,20 @@ from typing import Any, ClassVar, Final
 
 from pydantic import ConfigDict, Field
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POSE, TWIST, WRENCH
-from runtime.contracts.transforms import Transform, coordinates, measured
-from runtime.control.cobot.axes import DeadBand, OnTwist
-from runtime.control.cobot.energy_tank import EnergyTank
-from runtime.control.cobot.guide_buttons import MODES
-from runtime.control.cobot.release import DrawIn, Release, ReleaseConfig
-from runtime.control.cobot.virtual_mass import VirtualMass
-from runtime.control.ft.record import FtCalibration, Unloaded, unloaded
-from runtime.control.shared.ramp import Ramps
+from srl.control.cobot.axes import DeadBand, OnTwist
+from srl.control.cobot.energy_tank import EnergyTank
+from srl.control.cobot.ft_record import FtCalibration, Unloaded, unloaded
+from srl.control.cobot.guide_buttons import MODES
+from srl.control.cobot.release import DrawIn, Release, ReleaseConfig
+from srl.control.cobot.virtual_mass import VirtualMass
+from srl.control.shared.ramp import Ramps
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POSE, TWIST, WRENCH
+from srl.runtime.contracts.transforms import Transform, coordinates, measured
 
 _LONGEST: Final = 0.01  # s; a longer cycle is computed in parts, for what changes with the motion: leash and release
 _QUICKEST: Final = 2.0  # 1/s, of a factor that a client has changed
@@ -98,7 +98,7 @@ class Admittance(Controller):
     """
 
     Config = AdmittanceConfig
-    c_version = "runtime.control.cobot.compiled_admittance:CompiledAdmittance"
+    c_version = "srl.control.cobot.compiled_admittance:CompiledAdmittance"
     summary = "hand force to desired motion, on SO(3), leashed and passive (SUPER-MAN eq. 1)"
 
     def __init__(self, name: str, config: AdmittanceConfig) -> None:

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from runtime.contracts.per_element import Finite, PerElement, Positive
-from runtime.contracts.terms import PLANAR_TWIST, POINT, TWIST, WRENCH
+from srl.runtime.contracts.per_element import Finite, PerElement, Positive
+from srl.runtime.contracts.terms import PLANAR_TWIST, POINT, TWIST, WRENCH
 
 _NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _KINDS = PerElement(("force", "torque"))

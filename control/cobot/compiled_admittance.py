@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
-from runtime.contracts.gravity import GRAVITY
-from runtime.control.cobot.admittance import _LONGEST, _QUICKEST, Admittance
-from runtime.control.cobot.release import ReleaseConfig
+from srl.control.cobot.admittance import _LONGEST, _QUICKEST, Admittance
+from srl.control.cobot.release import ReleaseConfig
+from srl.runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
+from srl.runtime.contracts.gravity import GRAVITY
 
 _FACTORS = ("scale", "damping", "leash")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
-from runtime.control.cobot.contact_compliance import ComplianceConfig
-from runtime.control.cobot.kairos_clik import _QUICKEST, KairosClik
+from srl.control.cobot.contact_compliance import ComplianceConfig
+from srl.control.cobot.kairos_clik import _QUICKEST, KairosClik
+from srl.runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
 
 _FACTORS = ("speed", "gain")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
-from runtime.control.cobot.moca_impedance import _QUICKEST, MocaImpedance
-from runtime.control.shared.compiled_chain import bodies_of, body_of, joint_places
+from srl.control.cobot.moca_impedance import _QUICKEST, MocaImpedance
+from srl.control.shared.compiled_chain import bodies_of, body_of, joint_places
+from srl.runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
 
 
 class CompiledMoca(Compiled):

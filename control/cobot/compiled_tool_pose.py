@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from runtime.contracts import rotation
-from runtime.contracts.compiled import Compiled, Step, bind, numbers
-from runtime.control.cobot.tool_pose import ToolPose
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from runtime.control.shared.compiled_chain import joint_places, place_of
+from srl.control.cobot.tool_pose import ToolPose
+from srl.control.shared.compiled_chain import joint_places, place_of
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.compiled import Compiled, Step, bind, numbers
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 
 
 class CompiledToolPose(Compiled):

@@ -21,13 +21,13 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from runtime.contracts import rotation
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.signals import Array
-from runtime.contracts.transforms import Transform
-from runtime.control.cobot.admittance import beyond
-from runtime.control.cobot.axes import DeadBand, ForceTorque, OnTwist
-from runtime.control.cobot.contact_wrench import ContactWrench, FlangeWrenchOptions, square
+from srl.control.cobot.admittance import beyond
+from srl.control.cobot.axes import DeadBand, ForceTorque, OnTwist
+from srl.control.cobot.contact_wrench import ContactWrench, FlangeWrenchOptions, square
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.transforms import Transform
 
 _LATELY: Final = 0.1  # s of contact
 

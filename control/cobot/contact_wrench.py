@@ -9,16 +9,16 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, field_validator
 
-from runtime.contracts import rotation
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.contracts.transforms import Transform, coordinates, device, measured
-from runtime.control.cobot.axes import Point
-from runtime.control.cobot.whole_body import mount_of_the_arm
-from runtime.control.robots.pinocchio_model import FLANGE
+from srl.control.cobot.axes import Point
+from srl.control.cobot.whole_body import mount_of_the_arm
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.transforms import Transform, coordinates, device, measured
+from srl.runtime.models.robots.pinocchio_model import FLANGE
 
 
 class WeightConfig(BaseModel):

@@ -11,12 +11,12 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, FiniteFloat, Tag
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.options import Options
-from runtime.control.cobot.axes import Point, Wrench
-from runtime.control.shared import record_file
-from runtime.control.shared.record_file import Name
+from srl.control.cobot.axes import Point, Wrench
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.options import Options
+from srl.runtime.models import record_file
+from srl.runtime.models.record_file import Name
 
 FORMAT: Final = "srl-ft-1"
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Signal
-from runtime.control.cobot.guide_buttons import GRIPPER, MODES
+from srl.control.cobot.guide_buttons import GRIPPER, MODES
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Signal
 
 
 class GripperConfig(ControllerConfig):

@@ -6,8 +6,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Signal
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Signal
 
 BUTTONS: Final = ("A", "M", "G", "P")
 MODES: Final = ("admittance", "rotation", "gripper_closed", "locomotion")

@@ -13,20 +13,20 @@ import eigenpy
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.per_element import Positive
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
-from runtime.control.cobot.axes import OnPlanarTwist, OnTwist
-from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
-from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
-from runtime.control.cobot.whole_body import BASE, RobotName, add_base, jacobian_signal
-from runtime.control.robot_model import RobotOption, arm_named
-from runtime.control.shared.priority import Priority
-from runtime.control.shared.ramp import Ramps
-from runtime.control.shared.spd6 import Equations
+from srl.control.cobot.axes import OnPlanarTwist, OnTwist
+from srl.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
+from srl.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
+from srl.control.cobot.whole_body import BASE, RobotName, add_base, jacobian_signal
+from srl.control.shared.priority import Priority
+from srl.control.shared.ramp import Ramps
+from srl.control.shared.spd6 import Equations
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
+from srl.runtime.models.robot_model import RobotOption, arm_named
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 
@@ -81,7 +81,7 @@ class KairosClik(Controller):
     """
 
     Config = KairosClikConfig
-    c_version = "runtime.control.cobot.compiled_kairos:CompiledKairos"
+    c_version = "srl.control.cobot.compiled_kairos:CompiledKairos"
     summary = "weighted whole-body inverse kinematics: arm and base in velocity (SUPER-MAN eqs. 10-17)"
 
     def __init__(self, name: str, config: KairosClikConfig) -> None:

@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.control.cobot.axes import OnPlanarTwist
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.robot_distances import OPENING, RobotDistances
-from runtime.control.cobot.whole_body import BASE, mount_of_the_arm
-from runtime.control.cobot.whole_body_qp import (
+from srl.control.cobot.axes import OnPlanarTwist
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.robot_distances import OPENING, RobotDistances
+from srl.control.cobot.whole_body import BASE, mount_of_the_arm
+from srl.control.cobot.whole_body_qp import (
     Approach,
     LimitsConfig,
     Nearest,
@@ -28,6 +26,8 @@ from runtime.control.cobot.whole_body_qp import (
     maker_base_speed,
     turned_base,
 )
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
 
 
 class KairosLimitsConfig(LimitsConfig):

@@ -18,9 +18,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.signals import Array
-from runtime.control.cobot.contact_wrench import cross, square
+from srl.control.cobot.contact_wrench import cross, square
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.signals import Array
 
 Vector = tuple[float, float, float]
 

@@ -21,10 +21,10 @@ from typing import Final
 
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.control.cobot.axes import DeadBand, ForceTorque
-from runtime.control.cobot.contact_wrench import cross, square
-from runtime.control.cobot.load_estimate import LoadEstimate, Motion, Vector
+from srl.control.cobot.axes import DeadBand, ForceTorque
+from srl.control.cobot.contact_wrench import cross, square
+from srl.control.cobot.load_estimate import LoadEstimate, Motion, Vector
+from srl.runtime.contracts.entry import BaseModel
 
 _SAMPLE: Final = 8e-3  # s between two samples of the estimate: filtered ones that are closer say little more
 _FOLLOWED: Final = 20.0  # 1/s with which the estimate follows a load that is coming in

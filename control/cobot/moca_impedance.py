@@ -16,15 +16,9 @@ import eigenpy
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.per_element import Positive
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
-from runtime.control.cobot.axes import MassInertia, OnPlanarTwist, OnTwist
-from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
-from runtime.control.cobot.whole_body import (
+from srl.control.cobot.axes import MassInertia, OnPlanarTwist, OnTwist
+from srl.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
+from srl.control.cobot.whole_body import (
     BASE,
     ArmDynamics,
     LoadConfig,
@@ -33,10 +27,16 @@ from runtime.control.cobot.whole_body import (
     jacobian_signal,
     mount_of_the_arm,
 )
-from runtime.control.robot_model import WeighedRobot, arm_named
-from runtime.control.shared.priority import Priority
-from runtime.control.shared.ramp import Ramps
-from runtime.control.shared.spd6 import NEAR, Equations
+from srl.control.shared.priority import Priority
+from srl.control.shared.ramp import Ramps
+from srl.control.shared.spd6 import NEAR, Equations
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
+from srl.runtime.models.robot_model import WeighedRobot, arm_named
 
 _SELDOM: Final = 10  # cycles after which D_d is computed again: it changes only with the posture
 _SLOWEST: Final = 1.0  # rad/s: near singular postures a mode's mass grows without bounds, and its frequency falls
@@ -181,7 +181,7 @@ class MocaImpedance(Controller):
     """
 
     Config = MocaImpedanceConfig
-    c_version = "runtime.control.cobot.compiled_moca:CompiledMoca"
+    c_version = "srl.control.cobot.compiled_moca:CompiledMoca"
     summary = "weighted whole-body impedance: arm in torque, base in velocity (SUPER-MAN eqs. 2-9)"
 
     def __init__(self, name: str, config: MocaImpedanceConfig) -> None:

@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.control.cobot.axes import OnPlanarTwist
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, Rotors
-from runtime.control.cobot.robot_distances import OPENING, RobotDistances
-from runtime.control.cobot.whole_body import BASE
-from runtime.control.cobot.whole_body_qp import (
+from srl.control.cobot.axes import OnPlanarTwist
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, Rotors
+from srl.control.cobot.robot_distances import OPENING, RobotDistances
+from srl.control.cobot.whole_body import BASE
+from srl.control.cobot.whole_body_qp import (
     Approach,
     LimitsConfig,
     Nearest,
@@ -27,7 +25,9 @@ from runtime.control.cobot.whole_body_qp import (
     maker_base_speed,
     turned_base,
 )
-from runtime.control.shared.spd6 import NEAR
+from srl.control.shared.spd6 import NEAR
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
 
 
 class MocaLimitsConfig(LimitsConfig):

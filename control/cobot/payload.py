@@ -7,19 +7,19 @@ from typing import Any, Final
 
 from pydantic import Field
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import WiringError
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import PLANAR, POSE, TWIST, WRENCH
-from runtime.contracts.transforms import Transform, device, measured
-from runtime.control.cobot.contact_wrench import ContactWrench, FlangeWrenchOptions, square
-from runtime.control.cobot.guide_buttons import GRIPPER, MODES
-from runtime.control.cobot.load_estimate import Motion
-from runtime.control.cobot.load_watch import LoadWatch, Phase, WatchConfig
-from runtime.control.cobot.whole_body import RobotName
-from runtime.control.robots.pinocchio_model import FLANGE
+from srl.control.cobot.contact_wrench import ContactWrench, FlangeWrenchOptions, square
+from srl.control.cobot.guide_buttons import GRIPPER, MODES
+from srl.control.cobot.load_estimate import Motion
+from srl.control.cobot.load_watch import LoadWatch, Phase, WatchConfig
+from srl.control.cobot.whole_body import RobotName
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import PLANAR, POSE, TWIST, WRENCH
+from srl.runtime.contracts.transforms import Transform, device, measured
+from srl.runtime.models.robots.pinocchio_model import FLANGE
 
 LOAD: Final = ("mass", "x", "y", "z")
 _UNKNOWN: Final = 1e3  # what stands for an infinite deviation: signals are finite

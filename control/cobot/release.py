@@ -11,7 +11,7 @@ from math import exp, sqrt
 
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.entry import BaseModel
 
 
 class ReleaseConfig(BaseModel):

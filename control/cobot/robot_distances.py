@@ -15,14 +15,14 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ConfigDict, Field, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError
-from runtime.contracts.frames import Placement
-from runtime.contracts.per_element import Positive
-from runtime.contracts.rotation import Vector, matrix
-from runtime.contracts.signals import Array
-from runtime.control.robots import SUMMIT_XL, Capsule, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.frames import Placement
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.rotation import Vector, matrix
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import SUMMIT_XL, Capsule, RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
 _WORLD: Final = 0  # pinocchio's number of what doesn't move
 _BODY: Final = 3  # of the joint that turns the mobile base

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST
-from runtime.contracts.transforms import Transform, device, frame
-from runtime.control.cobot.whole_body import BASE, RobotName, WholeBody, jacobian_signal, mount_of_the_arm
-from runtime.control.robots.pinocchio_model import FLANGE
+from srl.control.cobot.whole_body import BASE, RobotName, WholeBody, jacobian_signal, mount_of_the_arm
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST
+from srl.runtime.contracts.transforms import Transform, device, frame
+from srl.runtime.models.robots.pinocchio_model import FLANGE
 
 
 class ToolPoseConfig(RobotName, ControllerConfig):
@@ -43,7 +43,7 @@ class ToolPose(Controller):
     """
 
     Config = ToolPoseConfig
-    c_version = "runtime.control.cobot.compiled_tool_pose:CompiledToolPose"
+    c_version = "srl.control.cobot.compiled_tool_pose:CompiledToolPose"
     summary = "pose, twist and Jacobian of the tool of an arm on a mobile base"
 
     def __init__(self, name: str, config: ToolPoseConfig) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import exp, expm1
 from typing import Final
 
-from runtime.contracts import rotation
+from srl.runtime.contracts import rotation
 
 _SMALL: Final = 1e-2  # of D h / M, below which the series is used: (1 - phi) / x would lose digits
 

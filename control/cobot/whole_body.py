@@ -12,17 +12,17 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ConfigDict, Field, field_validator
 
-from runtime.contracts import rotation
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError
-from runtime.contracts.gravity import DOWN
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import PLANAR, TWIST
-from runtime.contracts.transforms import Transform, device
-from runtime.control.cobot.axes import Point
-from runtime.control.robot_model import RobotOption, arm_named
-from runtime.control.robots import SUMMIT_XL, Payload, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
+from srl.control.cobot.axes import Point
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import PLANAR, TWIST
+from srl.runtime.contracts.transforms import Transform, device
+from srl.runtime.models.robot_model import RobotOption, arm_named
+from srl.runtime.models.robots import SUMMIT_XL, Payload, RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
 BASE: Final = 3  # the base's coordinates
 

@@ -13,12 +13,12 @@ import daqp  # type: ignore[import-not-found]
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.per_element import Positive
-from runtime.contracts.signals import Array
-from runtime.control.cobot.axes import OnPlanarTwist
-from runtime.control.cobot.robot_distances import DistancesConfig
-from runtime.control.robots import SUMMIT_XL
+from srl.control.cobot.axes import OnPlanarTwist
+from srl.control.cobot.robot_distances import DistancesConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import SUMMIT_XL
 
 ITERATIONS: Final = 200
 """Limit of the solver's iterations; it needs some 10. It is a count, not a time, so that a replay does the same."""

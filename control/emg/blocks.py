@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.emg.processing import Filters, OnlineEnvelope
+from srl.control.emg.processing import Filters, OnlineEnvelope
+from srl.runtime.contracts.signals import Array
 
 # Equal samples of one muscle in succession: no electrode gives them, a sensor that is out of reach, hangs or is at its
 # end does.

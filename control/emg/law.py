@@ -11,12 +11,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.signals import Signal
-from runtime.control.emg import record
-from runtime.control.emg.blocks import GONE, Stream
-from runtime.control.emg.processing import normalise
+from srl.control.emg import record
+from srl.control.emg.blocks import GONE, Stream
+from srl.control.emg.processing import normalise
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.signals import Signal
 
 _MARGIN = 0.1  # s, that the first samples may take beside the filters
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import signal
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.signals import Array
 
 PLACE: Final = "surface EMG"
 _OFFLINE: Final = 2  # passes: forwards and backwards

@@ -7,10 +7,10 @@ from typing import Annotated, Final, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.control.emg.processing import EmgError, Filters
-from runtime.control.shared import record_file
-from runtime.control.shared.record_file import Name
+from srl.control.emg.processing import EmgError, Filters
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.models import record_file
+from srl.runtime.models.record_file import Name
 
 FORMAT: Final = "srl-emg-1"
 

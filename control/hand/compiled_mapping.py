@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
-from runtime.control.hand.human_hand import FINGERS
-from runtime.control.hand.object_mapping import _SMOOTHING, ObjectMapping
+from srl.control.hand.object_mapping import _SMOOTHING, ObjectMapping
+from srl.runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
+from srl.runtime.models.human_hand import FINGERS
 
 _POINTS = len(FINGERS)
 

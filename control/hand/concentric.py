@@ -11,7 +11,7 @@ from math import sqrt
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 _POINT = 1e-12  # m^2: points that near to the centre, all of them, don't tell a size
 

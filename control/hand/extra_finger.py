@@ -9,11 +9,11 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.models import FingerModel, FingerOption, named
-from runtime.control.shared.kinematics import Chain
-from runtime.control.shared.symmetric import Vector, dot, gram, raised_inverse, times
+from srl.control.shared.kinematics import Chain
+from srl.control.shared.symmetric import Vector, dot, gram, raised_inverse, times
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.models import FingerModel, FingerOption, named
 
 _HELD: Final = (0.0, 0.0, 0.0)  # the column of J of a joint at its limit
 

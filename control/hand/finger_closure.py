@@ -8,11 +8,11 @@ from typing import Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import OptionError
-from runtime.contracts.per_element import Finite, in_order
-from runtime.contracts.signals import Array, Signal
-from runtime.control.models import FingerOption, named
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.per_element import Finite, in_order
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.models.models import FingerOption, named
 
 _FASTEST = 1e3  # 1/s; a rate beyond it is no person's, and its product might overflow
 

@@ -8,12 +8,12 @@ from typing import ClassVar, Final, Literal, cast
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT
-from runtime.control.hand.human_hand import BEYOND, FINGERS, JOINTS, SENSORS
-from runtime.control.hand.point_series import PointSeries
-from runtime.control.models import HandOption, named
+from srl.control.hand.point_series import PointSeries
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT
+from srl.runtime.models.human_hand import BEYOND, FINGERS, JOINTS, SENSORS
+from srl.runtime.models.models import HandOption, named
 
 _DIP: Final = 2.0 / 3.0  # DIP angle divided by PIP angle, for a glove that doesn't measure the DIP
 

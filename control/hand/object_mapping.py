@@ -13,18 +13,18 @@ from typing import Any, Final, Literal, cast
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POINT
-from runtime.contracts.transforms import Transform, coordinates, frame
-from runtime.control.hand.concentric import ConcentricObject
-from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
-from runtime.control.hand.human_hand import FINGERS
-from runtime.control.hand.sphere import MinimumSphere
-from runtime.control.hand.virtual_object import Deformation, Psi, Similarity, VirtualObject
-from runtime.control.shared.symmetric import Vector
+from srl.control.hand.concentric import ConcentricObject
+from srl.control.hand.extra_finger import ExtraFinger, FingerKinematics
+from srl.control.hand.sphere import MinimumSphere
+from srl.control.hand.virtual_object import Deformation, Psi, Similarity, VirtualObject
+from srl.control.shared.symmetric import Vector
+from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POINT
+from srl.runtime.contracts.transforms import Transform, coordinates, frame
+from srl.runtime.models.human_hand import FINGERS
 
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
 
@@ -74,7 +74,7 @@ class ObjectMapping(Controller):
     """
 
     Config = ObjectMappingConfig
-    c_version = "runtime.control.hand.compiled_mapping:CompiledObjectMapping"
+    c_version = "srl.control.hand.compiled_mapping:CompiledObjectMapping"
     summary = "extra fingers that follow the object held by the human fingertips (Prattichizzo 2014)"
 
     def __init__(self, name: str, config: ObjectMappingConfig) -> None:

@@ -6,7 +6,7 @@ from typing import Final, cast
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 _ZERO: Final = 1e-15  # m or 1, below which a coefficient is rounding
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import combinations
 from math import sqrt
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 Point = Sequence[float]
 

@@ -13,9 +13,7 @@ from typing import Final, cast
 
 import numpy as np
 
-from runtime.contracts.rotation import matrix
-from runtime.contracts.signals import Array
-from runtime.control.shared.symmetric import (
+from srl.control.shared.symmetric import (
     FIRM,
     Symmetric,
     Vector,
@@ -27,6 +25,8 @@ from runtime.control.shared.symmetric import (
     products,
     times,
 )
+from srl.runtime.contracts.rotation import matrix
+from srl.runtime.contracts.signals import Array
 
 _NULL: Final = 1e-12  # an eigenvalue of A^T A below this share of the largest counts as zero
 _POINT: Final = 1e-12  # m^2; if the largest eigenvalue is below this, it is zero, too: all points coincide

@@ -8,15 +8,15 @@ from typing import Final, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import OptionError, ProfileError, nearest
-from runtime.contracts.frames import IDENTITY, Placement, as_pose
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE
-from runtime.control.ikns.body import Body, Marker, Side
-from runtime.control.ikns.markers import MarkerFit
-from runtime.control.models import BodyOption, named
+from srl.control.ikns.markers import MarkerFit
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import OptionError, ProfileError, nearest
+from srl.runtime.contracts.frames import IDENTITY, Placement, as_pose
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.runtime.models.body import Body, Marker, Side
+from srl.runtime.models.models import BodyOption, named
 
 _STARTS: Final = 6  # postures that a reset tries
 _LEVER: Final = 0.1  # m, from a segment's origin to the points that stand for its axes

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.ikns.clusters import Indices, box_points, hand_speed, k_means, trimmed
-from runtime.control.ikns.delaunay import SitesError, delaunay
+from srl.control.ikns.clusters import Indices, box_points, hand_speed, k_means, trimmed
+from srl.control.ikns.delaunay import SitesError, delaunay
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 _SIDEWAYS: Final = 0.3  # cosine between directions of neighbouring points below which their sense is a guess
 _CONDITION: Final = 0.05  # below that, noise of one DoF is twenty times as large in c

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.signals import Array
 
 Indices = NDArray[np.intp]
 

@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.rotation import euler_angles
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, Marker, Side
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.rotation import euler_angles
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, Marker, Side
 
 _FRAMES: Final = 100  # of the trial that are used, at most
 # An elbow that is straighter hardly shows the axis about which it bends: with markers of the average body the rotation

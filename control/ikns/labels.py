@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.control.ikns.body import SIDES, Marker, Side
+from srl.runtime.models.body import SIDES, Marker, Side
 
 _BETTER: Final = 0.7  # of the residual, with which other labels fit better
 OTHER: Final = 0.2  # rad, by which a posture is another

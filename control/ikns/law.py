@@ -12,15 +12,15 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import ProfileError, nearest
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POSE
-from runtime.control.ikns import record
-from runtime.control.ikns.calibration import Calibration, refusals
-from runtime.control.ikns.delaunay import SitesError
-from runtime.control.ikns.sibson import Sibson
+from srl.control.ikns import record
+from srl.control.ikns.calibration import Calibration, refusals
+from srl.control.ikns.delaunay import SitesError
+from srl.control.ikns.sibson import Sibson
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import ProfileError, nearest
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POSE
 
 
 class IknsConfig(ControllerConfig):

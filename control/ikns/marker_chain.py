@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, Marker
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, Marker
 
 
 class MarkerChain:

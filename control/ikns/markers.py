@@ -22,13 +22,13 @@ import eigenpy
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.rotation import euler_angles
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, Marker, Side
-from runtime.control.ikns.labels import OTHER, fits_better, labellings, ways
-from runtime.control.ikns.marker_chain import MarkerChain
-from runtime.control.ikns.observability import Mask, Observability
-from runtime.control.ikns.postures import STARTS, Postures, rigid
+from srl.control.ikns.labels import OTHER, fits_better, labellings, ways
+from srl.control.ikns.marker_chain import MarkerChain
+from srl.control.ikns.observability import Mask, Observability
+from srl.control.ikns.postures import STARTS, Postures, rigid
+from srl.runtime.contracts.rotation import euler_angles
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, Marker, Side
 
 _STEPS: Final = 4  # of Gauss-Newton in a frame, at most
 _SEARCH_STEPS: Final = 15  # the same where nothing is known of the posture

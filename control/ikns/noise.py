@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body
-from runtime.control.ikns.calibration import Calibration
-from runtime.control.ikns.markers import MarkerFit
+from srl.control.ikns.calibration import Calibration
+from srl.control.ikns.markers import MarkerFit
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body
 
 _WEAK: Final = 1e-6  # singular values below this share of the largest: what no marker shows
 _MM: Final = 1e-3

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 Mask = NDArray[np.bool_]
 

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, Side
-from runtime.control.ikns.observability import Mask
+from srl.control.ikns.observability import Mask
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, Side
 
 # Postures (abduction, flexion, rotation, elbow) in degrees from which the posture is searched.
 STARTS: Final = (

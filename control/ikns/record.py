@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.control.ikns.calibration import Calibration, Thresholds
-from runtime.control.shared import record_file
-from runtime.control.shared.record_file import NAME, Name, RecordError, Row, write
+from srl.control.ikns.calibration import Calibration, Thresholds
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.models import record_file
+from srl.runtime.models.record_file import NAME, Name, RecordError, Row, write
 
 __all__ = ["FORMAT", "NAME", "Name", "Point", "Record", "RecordError", "parse", "read", "write"]
 
@@ -31,7 +31,7 @@ class _Part(BaseModel):
 
 
 class Point(_Part):
-    """A calibration point. Names and units: `runtime.control.ikns.calibration.Calibration`, one row of each array."""
+    """A calibration point. Names and units: `srl.control.ikns.calibration.Calibration`, one row of each array."""
 
     site: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
     directions: tuple[Row, ...]

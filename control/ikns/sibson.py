@@ -24,8 +24,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.delaunay import Cells, delaunay
+from srl.control.ikns.delaunay import Cells, delaunay
+from srl.runtime.contracts.signals import Array
 
 _TIE: Final = 1e-14  # of the size squared: x on a circumsphere; such a cell steals nothing
 _AT_SITE: Final = 1e-13  # of the size: nearer than this x is the site

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 _SHRINKAGE: Final = 0.2  # of what lies off the diagonal
 _FLOOR: Final = 0.05  # added to the standard deviation of each feature: a suit's own error, 3 degrees

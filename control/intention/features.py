@@ -13,8 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, product, turned
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.rotation import Quaternion, product, turned
+from srl.runtime.contracts.signals import Array
 
 LIMBS: Final = tuple(
     f"{side}{part}"

@@ -12,13 +12,13 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, QUATERNION
-from runtime.control.intention import record
-from runtime.control.intention.decision import NONE, Decision
-from runtime.control.intention.features import FRAME, FRAMES, RATE, features, frame, joints
+from srl.control.intention import record
+from srl.control.intention.decision import NONE, Decision
+from srl.control.intention.features import FRAME, FRAMES, RATE, features, frame, joints
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
 
 _PERIOD: Final = 1.0 / RATE
 _SHARE: Final = 9.99  # a distance that is shown at most

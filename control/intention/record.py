@@ -9,12 +9,12 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Field, FiniteFloat, NonNegativeInt, ValidationError, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.control.intention.discriminant import Discriminant
-from runtime.control.intention.features import FEATURES, FRAMES, RATE
-from runtime.control.intention.training import BACKGROUND, Held, Recogniser, Thresholds
-from runtime.control.shared import record_file
-from runtime.control.shared.record_file import Name, RecordError, Row
+from srl.control.intention.discriminant import Discriminant
+from srl.control.intention.features import FEATURES, FRAMES, RATE
+from srl.control.intention.training import BACKGROUND, Held, Recogniser, Thresholds
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.models import record_file
+from srl.runtime.models.record_file import Name, RecordError, Row
 
 FORMAT: Final = "srl-intention-1"
 _LEAST: Final = 1e-6  # smallest eigenvalue of the covariance, by which its samples can be told from a broken file

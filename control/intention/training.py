@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.intention.decision import NONE, Decision
-from runtime.control.intention.discriminant import Discriminant, fit, posterior, temperature
-from runtime.control.intention.features import FRAMES, RATE, features
+from srl.control.intention.decision import NONE, Decision
+from srl.control.intention.discriminant import Discriminant, fit, posterior, temperature
+from srl.control.intention.features import FRAMES, RATE, features
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 BACKGROUND: Final = ("stand", "walk")
 """What isn't an action, though it has a class: the recogniser must know it to tell actions from it."""

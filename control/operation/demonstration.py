@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 PERIOD: Final = 0.05  # s between two points of a path; what a hand does on purpose is slower (below 5 Hz)
 LONGEST: Final = 60.0  # s

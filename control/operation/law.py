@@ -7,19 +7,19 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, QUATERNION
-from runtime.control.operation.demonstration import TaskError, TaskPath
-from runtime.control.operation.options import IndependentOperationConfig
-from runtime.control.operation.reach import MOST, Reach
-from runtime.control.operation.record import TaskRecord
-from runtime.control.operation.replay import Replay
-from runtime.control.operation.tally import Tally
-from runtime.control.operation.teaching import Teaching
-from runtime.control.operation.triggers import Triggers
-from runtime.control.operation.worn import Worn
+from srl.control.operation.demonstration import TaskError, TaskPath
+from srl.control.operation.options import IndependentOperationConfig
+from srl.control.operation.reach import MOST, Reach
+from srl.control.operation.record import TaskRecord
+from srl.control.operation.replay import Replay
+from srl.control.operation.tally import Tally
+from srl.control.operation.teaching import Teaching
+from srl.control.operation.triggers import Triggers
+from srl.control.operation.worn import Worn
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
 
 _UNIT: Final = 0.1  # a quaternion whose squared length is off by more is none
 _OBEYED: Final = 0.1  # of what a joint moves in a cycle at full speed: nearer than that, a command was obeyed
@@ -39,7 +39,7 @@ class Mode(IntEnum):
 
 
 class IndependentOperation(Controller):
-    """Repeats a task on a phase that waits, bent around the moving body (`runtime.control.operation.replay`).
+    """Repeats a task on a phase that waits, bent around the moving body (`srl.control.operation.replay`).
 
     All is computed in the frame of the node that carries the arms: the wearer may walk and turn. That frame is taken
     for rigid with the arm's base.
@@ -156,7 +156,7 @@ class IndependentOperation(Controller):
             self._tell()
 
     def figures(self) -> dict[str, object]:
-        """Returns the figures of `runtime.control.operation.tally`, and why the last demonstration was refused."""
+        """Returns the figures of `srl.control.operation.tally`, and why the last demonstration was refused."""
         shown = self._options.shown
         whose = {} if shown is None else {"person": shown.person, "simulated": shown.simulated}
         return {**whose, **self._tally.figures(), "refused": self._teaching.refused or None}

@@ -8,17 +8,17 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.options import Options
-from runtime.contracts.per_element import Finite, Positive, in_order
-from runtime.contracts.signals import Array
-from runtime.control.operation import record
-from runtime.control.operation.demonstration import Thresholds
-from runtime.control.operation.replay import JointRanges, ReplayOptions
-from runtime.control.shared import record_file
-from runtime.control.skeleton.options import EnvelopeOptions
+from srl.control.operation import record
+from srl.control.operation.demonstration import Thresholds
+from srl.control.operation.replay import JointRanges, ReplayOptions
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.per_element import Finite, Positive, in_order
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models import record_file
 
 _TaskFile = Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE independent-operation`")]
 _Far = Annotated[float, Field(ge=-2.0, le=2.0)]

@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.operation.demonstration import PERIOD, TaskError, TaskPath
-from runtime.control.operation.replay import JointRanges
-from runtime.control.operation.worn import Worn
+from srl.control.operation.demonstration import PERIOD, TaskError, TaskPath
+from srl.control.operation.replay import JointRanges
+from srl.control.operation.worn import Worn
+from srl.runtime.contracts.signals import Array
 
 NEAR: Final = 0.005  # m: a point is reached within it
 _TRIES: Final = 200  # steps at one point; most need one to three

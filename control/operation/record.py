@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, FiniteFloat
 
-from runtime.contracts.entry import BaseModel
-from runtime.control.operation.demonstration import LONGEST, PERIOD, TaskPath, Thresholds
-from runtime.control.shared.record_file import Name
+from srl.control.operation.demonstration import LONGEST, PERIOD, TaskPath, Thresholds
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.models.record_file import Name
 
 FORMAT = "srl-task-1"
 

@@ -36,11 +36,11 @@ import daqp  # type: ignore[import-not-found]
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.cobot.whole_body_qp import ITERATIONS, Approach, LimitsConfig
-from runtime.control.operation.demonstration import TaskPath
-from runtime.control.operation.worn import Pairs
+from srl.control.cobot.whole_body_qp import ITERATIONS, Approach, LimitsConfig
+from srl.control.operation.demonstration import TaskPath
+from srl.control.operation.worn import Pairs
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 Around = Literal["bend", "wait", "ignore"]
 _V: Final = 0.1  # m/s, V of (1): what counts as one

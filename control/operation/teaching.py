@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.operation.demonstration import LONGEST, TaskError, TaskPath, Thresholds, path_of
-from runtime.control.operation.reach import Reach
-from runtime.control.operation.replay import JointRanges
-from runtime.control.operation.worn import Worn
+from srl.control.operation.demonstration import LONGEST, TaskError, TaskPath, Thresholds, path_of
+from srl.control.operation.reach import Reach
+from srl.control.operation.replay import JointRanges
+from srl.control.operation.worn import Worn
+from srl.runtime.contracts.signals import Array
 
 _SPACING: Final = 0.005  # s, the least between two samples that are kept
 _STEPS: Final = 4  # of the check, in one cycle

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isfinite
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 
 class Triggers:

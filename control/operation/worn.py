@@ -8,12 +8,12 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.arms import Side
-from runtime.control.skeleton.body_motion import BodyMotion
-from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import Envelope
-from runtime.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.body_motion import BodyMotion
+from srl.control.skeleton.capsules import nearest
+from srl.control.skeleton.envelope import Envelope
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import Side
 
 SPAN: Final = 0.05  # s over which the body's velocity is a mean, as in `body-clearance`
 

@@ -7,8 +7,8 @@ from typing import Final
 
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.control.setpoint.control_value import ControlValue
+from srl.control.setpoint.control_value import ControlValue
+from srl.runtime.contracts.controller import ControllerConfig
 
 _NEAR: Final = 0.05  # of c, how near the axis meets it
 

@@ -6,8 +6,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Signal
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Signal
 
 
 class ControlValue(Controller):

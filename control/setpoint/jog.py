@@ -8,9 +8,9 @@ from typing import Final, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.per_element import Positive
-from runtime.contracts.signals import Signal
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.signals import Signal
 
 HOLD: Final = 0.12  # s of motion that one press gives
 REST: Final = 1.2  # s without a press after a reset: longer than any console waits before it repeats a held key

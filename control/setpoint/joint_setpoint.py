@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.signals import Signal
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.signals import Signal
 
 
 class JointSetpointConfig(ControllerConfig):

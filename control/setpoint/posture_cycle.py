@@ -7,10 +7,10 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import OptionError
-from runtime.contracts.per_element import Finite, in_order
-from runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.per_element import Finite, in_order
+from srl.runtime.contracts.signals import Array, Signal
 
 
 class PostureCycleConfig(ControllerConfig):

@@ -6,8 +6,8 @@ from math import isfinite
 
 from pydantic import Field
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.control.setpoint.control_value import ControlValue
+from srl.control.setpoint.control_value import ControlValue
+from srl.runtime.contracts.controller import ControllerConfig
 
 
 class PressToggleConfig(ControllerConfig):

@@ -1,8 +1,8 @@
 """How near two bodies may come while one of them brakes and the other moves as it likes within an acceleration.
 
 One is a limb whose braking motion is known in samples q_0 to q_m; the limb is on its way to q_j until u_j at the
-latest (`runtime.contracts.clearance.Braking`). The other was seen a seconds ago. It is the hull of balls round a few
-points, its ends (a capsule has two), and end e accelerates by at most a_e. For one pair of convex shapes, q_j held:
+latest (`srl.runtime.contracts.clearance.Braking`). The other was seen a seconds ago. It is the hull of balls round a
+few points, its ends (a capsule has two), and end e accelerates by at most a_e. For one pair of convex shapes, q_j held:
 
     d(q_j, s) >= g_j(s) = min_e  H_je - w_je (a + s) - a_e (a + s)^2 / 2                                            (1)
 
@@ -32,7 +32,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 STEADY = 1e-9  # m: a distance that shrinks by less doesn't shrink
 

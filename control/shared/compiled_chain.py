@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.compiled import NotCompiledError, numbers
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.compiled import NotCompiledError, numbers
+from srl.runtime.contracts.signals import Array
 
 
 def place_of(placement: Any) -> Array:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import cos, sin
 from typing import cast
 
-from runtime.contracts.signals import Array
-from runtime.control.shared.symmetric import Vector
+from srl.control.shared.symmetric import Vector
+from srl.runtime.contracts.signals import Array
 
 
 class Chain:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.frames import as_pose
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POSE
-from runtime.contracts.transforms import Transform, coordinates, frame
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.frames import as_pose
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POSE
+from srl.runtime.contracts.transforms import Transform, coordinates, frame
 
 
 class PoseInFrameConfig(ControllerConfig):

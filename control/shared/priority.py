@@ -6,7 +6,7 @@ from math import exp, log
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 
 class Priority:

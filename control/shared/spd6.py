@@ -11,7 +11,7 @@ from typing import Final
 import eigenpy
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 NEAR: Final = 1e-6
 """Independence below which `damped` begins to damp. A Panda in 4000 random postures has at least 7e-6."""

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array, Command, Signal
-from runtime.contracts.terms import POINT, QUATERNION
-from runtime.control.shared.approach import Separation, is_clear, margins, reserve, travels
-from runtime.control.skeleton.body_motion import BodyMotion
-from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import link_nodes, reaches
-from runtime.control.skeleton.joint_age import JointAge
-from runtime.control.skeleton.options import EnvelopeOptions
-from runtime.control.skeleton.other_arm import Limb, OtherArm
+from srl.control.shared.approach import Separation, is_clear, margins, reserve, travels
+from srl.control.skeleton.body_motion import BodyMotion
+from srl.control.skeleton.capsules import nearest
+from srl.control.skeleton.envelope import link_nodes, reaches
+from srl.control.skeleton.joint_age import JointAge
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.control.skeleton.other_arm import Limb, OtherArm
+from srl.runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Array, Command, Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
 
 
 class Seen(NamedTuple):
@@ -28,7 +28,7 @@ class Seen(NamedTuple):
 
     Attributes:
         distance: (m, k) m, of the capsules.
-        height, speed: (m, k, 2), H_je and w_je of `runtime.control.shared.approach`.
+        height, speed: (m, k, 2), H_je and w_je of `srl.control.shared.approach`.
     """
 
     distance: Array
@@ -56,7 +56,7 @@ class BodyClearanceConfig(EnvelopeOptions, ClearanceConfig):
 
 
 class BodyClearance(Clearance):
-    """Compares all relevant pairs of links and segments along the braking motion (`runtime.control.shared.approach`).
+    """Compares all relevant pairs of links and segments along the braking motion (`srl.control.shared.approach`).
 
     Inputs: `rotation` (59, 4), `translation` (59, 3) m: the suit's joints in their parents. All is computed in the
     frame of the node that carries the arms, which is taken for rigid with their base: what straps give is part of

@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.runtime.contracts.signals import Array
 
 UNIT_WITHIN: Final = 0.1  # a quaternion whose squared length is off by more is none
 SHORTEST, LONGEST = 0.5, 2.0  # of the figure's bones: outside of it nobody is, and a unit is wrong

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 TOUCHING: Final = 1e-9  # m: axes that are nearer have no direction from the one to the other
 _LEAST = 1e-12  # m^2: shorter axes are points, more parallel ones have no crossing

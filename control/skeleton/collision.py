@@ -7,14 +7,14 @@ from math import isinf
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, QUATERNION
-from runtime.control.skeleton.body_motion import BodyMotion
-from runtime.control.skeleton.capsules import between, nearest
-from runtime.control.skeleton.envelope import link_nodes
-from runtime.control.skeleton.envelope_picture import EnvelopePicture
-from runtime.control.skeleton.options import EnvelopeOptions
+from srl.control.skeleton.body_motion import BodyMotion
+from srl.control.skeleton.capsules import between, nearest
+from srl.control.skeleton.envelope import link_nodes
+from srl.control.skeleton.envelope_picture import EnvelopePicture
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
 
 SPAN = 0.05  # s over which velocities are means
 SIDES = ("body", "arm")

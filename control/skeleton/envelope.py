@@ -17,10 +17,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.arms import Arms, Side
-from runtime.control.skeleton.tree import Tree
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import Arms, Side
+from srl.runtime.models.skeleton.tree import Tree
 
 # a_e, m/s^2, ours: how fast the ends of segments change their velocity in the frame of the lower spine
 FREE: Final = 4.0  # hands, elbows, knees, feet, head

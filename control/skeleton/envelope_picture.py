@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import CAPSULE, GAP
-from runtime.control.skeleton.envelope import Envelope
+from srl.control.skeleton.envelope import Envelope
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import CAPSULE, GAP
 
 RANKS = ("first", "second", "third")
 

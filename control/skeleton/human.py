@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from runtime.control.skeleton.tree import Node, Tree
+from srl.runtime.models.skeleton.tree import Node, Tree
 
 # name, parent, offset in cm; a name that ends in _End is an end site
 _Row = tuple[str, str, tuple[float, float, float]]

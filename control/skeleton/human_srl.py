@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.arms import SIDES, Arms, Side
-from runtime.control.skeleton.tree import Tree
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import SIDES, Arms, Side
+from srl.runtime.models.skeleton.tree import Tree
 
 
 class HumanSrl:

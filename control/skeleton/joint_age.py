@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.runtime.contracts.signals import Array
 
 MOVES: Final = 10  # samples in which a joint must have changed before it is one that moves
 LATEST: Final = np.iinfo(np.int64).max

@@ -8,9 +8,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.arms import SIDES, Side
-from runtime.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import SIDES, Side
 
 
 class Kinematics:

@@ -9,14 +9,14 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import Controller
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE, QUATERNION
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.skeleton.options import SkeletonConfig
-from runtime.control.skeleton.paper import COLUMNS, PaperVector
+from srl.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.options import SkeletonConfig
+from srl.control.skeleton.paper import COLUMNS, PaperVector
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE, QUATERNION
+from srl.runtime.models.skeleton import bvh
 
 _UNIT: Final = 1e-3  # by which a quaternion's length may differ from 1
 
@@ -36,7 +36,7 @@ class Skeleton(Controller):
     rad (m where a joint slides), the positions of the arms that exist. An arm that doesn't is drawn at zero.
 
     Outputs: `nodes` (90, 3) m in the suit's world (y up, z forward at calibration, x to the body's left); `vector`
-    (90, 6), row after row the paper's 540 numbers, cm and degrees (`runtime.control.skeleton.paper`); with the option
+    (90, 6), row after row the paper's 540 numbers, cm and degrees (`srl.control.skeleton.paper`); with the option
     `mount` also `mount` (7,), the pose in the suit's world of the body's node on which the arms hang, m.
 
     Source: Zhang, Liu, Li 2022, algorithm 1 without its drawing; forward kinematics as BVH means it.

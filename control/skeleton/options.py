@@ -7,16 +7,16 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.errors import OptionError, RecordingError
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.options import Options
-from runtime.control.models import ArmsOption, named
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.arms import Side
-from runtime.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.errors import OptionError, RecordingError
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.options import Options
+from srl.runtime.models.models import ArmsOption, named
+from srl.runtime.models.skeleton import bvh
+from srl.runtime.models.skeleton.arms import Side
 
 Radius = Annotated[float, Field(ge=0.005, le=1, allow_inf_nan=False)]  # m: a thinner body part or link is a mistake
 

@@ -1,13 +1,13 @@
 """The other arm of a wearer, as it is seen by an arm that must keep clear of it.
 
 It moves, too, but not freely: its own guard lets it go only on motions to rest that were accepted. So it stays within
-its `extent` (`runtime.contracts.clearance`): what it was commanded within its lag, the whole motion that was accepted
-last, and by how much it may be beside that. A motion of this arm that keeps clear of all of that is clear whenever
-either of them brakes. The two are judged one after the other, each against what the other was allowed last: of any two
-places that they may be in at once, the one that was allowed later was compared with the other.
+its `extent` (`srl.runtime.contracts.clearance`): what it was commanded within its lag, the whole motion that was
+accepted last, and by how much it may be beside that. A motion of this arm that keeps clear of all of that is clear
+whenever either of them brakes. The two are judged one after the other, each against what the other was allowed last: of
+any two places that they may be in at once, the one that was allowed later was compared with the other.
 
 Let m be the middle of the extent and h half of its size. No point of link j is farther than r_j = sum_i R_ij h_i from
-where it is at m (R as in `runtime.control.skeleton.envelope.reaches`), so the link at m, thicker by r_j, holds
+where it is at m (R as in `srl.control.skeleton.envelope.reaches`), so the link at m, thicker by r_j, holds
 all of it.
 """
 
@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.arms import Arms, Side
-from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import link_nodes
+from srl.control.skeleton.capsules import nearest
+from srl.control.skeleton.envelope import link_nodes
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import Arms, Side
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Judged(NamedTuple):
     """The pairs of links (own, other), row by row.
 
     Attributes:
-        margin: (m - 1, k) m, as `runtime.control.shared.approach.margins`; of one piece where a quick look was enough.
+        margin: (m - 1, k) m, as `srl.control.shared.approach.margins`; of one piece where a quick look was enough.
         distance: (m, k) m, from the middle of the other arm's extent.
         own: (k,) index of the own link.
     """

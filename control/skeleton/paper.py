@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.rotation import EulerQuaternions, Order, euler_angles, matrices
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.arms import SIDES, Side
-from runtime.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.runtime.contracts.rotation import EulerQuaternions, Order, euler_angles, matrices
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import SIDES, Side
 
 COLUMNS: Final = ("Xpos", "Ypos", "Zpos", "Zrot", "Xrot", "Yrot")
 _ORDER: Final[Order] = "ZXY"

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.frames import Placement, as_pose
-from runtime.contracts.rotation import Pose, Quaternion, composed, inverted
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE, QUATERNION
-from runtime.contracts.transforms import Transform, coordinates, frame
-from runtime.control.skeleton.human import human
+from srl.control.skeleton.human import human
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.frames import Placement, as_pose
+from srl.runtime.contracts.rotation import Pose, Quaternion, composed, inverted
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE, QUATERNION
+from srl.runtime.contracts.transforms import Transform, coordinates, frame
 
 _REST: Final[Quaternion] = (1.0, 0.0, 0.0, 0.0)
 _UNIT: Final = 1e-3  # by which a quaternion's length may differ from 1

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.frames import as_pose
-from runtime.contracts.rotation import Pose, composed
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POINT, POSE, QUATERNION
-from runtime.contracts.transforms import Transform
-from runtime.contracts.transforms import frame as place
-from runtime.control.skeleton.human import human
+from srl.control.skeleton.human import human
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.frames import as_pose
+from srl.runtime.contracts.rotation import Pose, composed
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POINT, POSE, QUATERNION
+from srl.runtime.contracts.transforms import Transform
+from srl.runtime.contracts.transforms import frame as place
 
 
 class SuitSegmentsConfig(ControllerConfig):

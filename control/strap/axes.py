@@ -1,6 +1,6 @@
 """A serial arm as a list of axes, revolute or prismatic: where its tip is, and how each axis moves it.
 
-It uses plain numbers, as `runtime.control.shared.kinematics` does.
+It uses plain numbers, as `srl.control.shared.kinematics` does.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.rotation import Quaternion, Vector, exp, product, turned
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.rotation import Quaternion, Vector, exp, product, turned
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Three = tuple[Finite, Finite, Finite]

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, Vector, conjugate, turned
-from runtime.contracts.signals import Array
-from runtime.control.strap.axes import Axes, Axis
+from srl.control.strap.axes import Axes, Axis
+from srl.runtime.contracts.rotation import Quaternion, Vector, conjugate, turned
+from srl.runtime.contracts.signals import Array
 
 SLIDE: Final = 0.1  # m of a prismatic axis that count as much as 1 rad of a revolute one
 STEPS: Final = 4  # at most, of Gauss-Newton's method, in one call

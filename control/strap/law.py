@@ -8,17 +8,17 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import OptionError
-from runtime.contracts.rotation import Quaternion, Vector, exp, product
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, QUATERNION
-from runtime.contracts.transforms import Place, Transform, device, frame, measured
-from runtime.control.models import ArmsOption
-from runtime.control.skeleton.arms import Side
-from runtime.control.strap.axes import Axis
-from runtime.control.strap.correction import Correction
-from runtime.control.strap.tilt import UP_Y, UP_Z, tilt, up_in
+from srl.control.strap.axes import Axis
+from srl.control.strap.correction import Correction
+from srl.control.strap.tilt import UP_Y, UP_Z, tilt, up_in
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.rotation import Quaternion, Vector, exp, product
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
+from srl.runtime.contracts.transforms import Place, Transform, device, frame, measured
+from srl.runtime.models.models import ArmsOption
+from srl.runtime.models.skeleton.arms import Side
 
 Seconds = Annotated[float, Field(ge=0, le=60)]
 

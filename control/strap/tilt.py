@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import atan2, pi, sqrt
 
-from runtime.contracts.rotation import Quaternion, Vector, conjugate, product, turned
+from srl.runtime.contracts.rotation import Quaternion, Vector, conjugate, product, turned
 
 UP_Z: Vector = (0.0, 0.0, 1.0)  # of an inertial sensor's reference
 UP_Y: Vector = (0.0, 1.0, 0.0)  # of a capture suit's world

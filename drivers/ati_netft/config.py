@@ -8,11 +8,11 @@ from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import ConfigDict, Field
 
-from drivers.ati_netft.protocol import PORT
-from drivers.ati_netft.settings import HTTP_PORT, TCP_PORT
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import DeviceError
+from srl.drivers.ati_netft.protocol import PORT
+from srl.drivers.ati_netft.settings import HTTP_PORT, TCP_PORT
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import DeviceError
 
 
 class CountsConfig(BaseModel):

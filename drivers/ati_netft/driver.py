@@ -8,17 +8,17 @@ from typing import Final
 
 import numpy as np
 
-from drivers.ati_netft import status
-from drivers.ati_netft.config import Address, AtiNetFtConfig, address
-from drivers.ati_netft.identify import identify, set_rate
-from drivers.ati_netft.protocol import Parser, Record, Request, request
-from drivers.ati_netft.settings import Settings
-from drivers.datagram import Datagrams, open_datagrams
-from drivers.devicetime import DeviceTime
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import WRENCH
+from srl.drivers.ati_netft import status
+from srl.drivers.ati_netft.config import Address, AtiNetFtConfig, address
+from srl.drivers.ati_netft.identify import identify, set_rate
+from srl.drivers.ati_netft.protocol import Parser, Record, Request, request
+from srl.drivers.ati_netft.settings import Settings
+from srl.drivers.datagram import Datagrams, open_datagrams
+from srl.drivers.devicetime import DeviceTime
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import WRENCH
 
 TRIES: Final = 10  # requests may get lost; public drivers request as often (1.1)
 ANSWER: Final = 0.2  # s for the first record after a request

@@ -7,10 +7,10 @@ import http.client
 import socket
 import time
 
-from drivers.ati_netft import settings
-from drivers.ati_netft.config import Address
-from drivers.ati_netft.settings import Settings
-from runtime.contracts.errors import DeviceError
+from srl.drivers.ati_netft import settings
+from srl.drivers.ati_netft.config import Address
+from srl.drivers.ati_netft.settings import Settings
+from srl.runtime.contracts.errors import DeviceError
 
 ANSWER = 2.0  # s
 _CHECK = "Check the address and the power; open the sensor's page in a browser"

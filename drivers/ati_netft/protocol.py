@@ -30,7 +30,7 @@ class Record(NamedTuple):
     Attributes:
         sequence: number of the record within one stream request, from 1; wraps at 2**32.
         sample: the sensor's own sample counter, at its internal rate; wraps at 2**32.
-        status: 32 bits, 0 for healthy; see `drivers.ati_netft.status`.
+        status: 32 bits, 0 for healthy; see `srl.drivers.ati_netft.status`.
         counts: Fx, Fy, Fz, Tx, Ty, Tz, in counts.
     """
 

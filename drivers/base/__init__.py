@@ -1,6 +1,6 @@
 """A mobile base behind ROS 2 and zenoh."""
 
-from drivers.base.config import BaseConfig
-from drivers.base.driver import MobileBase
+from srl.drivers.base.config import BaseConfig
+from srl.drivers.base.driver import MobileBase
 
 __all__ = ["BaseConfig", "MobileBase"]

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.zenoh_link import PeerConfig
-from runtime.contracts.per_element import PerElement, Positive
-from runtime.contracts.terms import PLANAR_TWIST
+from srl.drivers.zenoh_link import PeerConfig
+from srl.runtime.contracts.per_element import PerElement, Positive
+from srl.runtime.contracts.terms import PLANAR_TWIST
 
 _TOPIC = re.compile(r"^[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*$")
 

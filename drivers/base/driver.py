@@ -1,6 +1,6 @@
 """A mobile base: sends velocity commands, receives wheel odometry, over zenoh.
 
-zenoh runs in its own process (`drivers.zenoh_link`). Each command expires there: if the loop stops sending, zero
+zenoh runs in its own process (`srl.drivers.zenoh_link`). Each command expires there: if the loop stops sending, zero
 velocity follows at once and for one second. After that the robot's own time-out (0.5 s) holds.
 """
 
@@ -12,14 +12,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drivers.base import protocol, ros
-from drivers.base.config import BaseConfig
-from drivers.zenoh_link import Link, Outlet, wire
-from drivers.zenoh_link.stamps import SourceTime
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST
+from srl.drivers.base import protocol, ros
+from srl.drivers.base.config import BaseConfig
+from srl.drivers.zenoh_link import Link, Outlet, wire
+from srl.drivers.zenoh_link.stamps import SourceTime
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST
 
 COMMAND = "twist_command"
 UNIT = "m/s, rad/s"

@@ -9,10 +9,10 @@ import math
 import struct
 from dataclasses import dataclass
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import RequestError
-from runtime.contracts.signals import Array
-from runtime.messages import cdr
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.messages import cdr
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/Twist"

@@ -1,5 +1,5 @@
 """Bosch BNO085 (CEVA BNO08X) inertial sensors in their UART-RVC mode: orientation and acceleration, 100 a second."""
 
-from drivers.bno085.driver import Bno085, Bno085Config
+from srl.drivers.bno085.driver import Bno085, Bno085Config
 
 __all__ = ["Bno085", "Bno085Config"]

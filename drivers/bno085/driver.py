@@ -7,14 +7,14 @@ from typing import Final
 
 from pydantic import Field
 
-from drivers.bno085.protocol import BAUDRATE, RATE, WRAP, Parser, Record
-from drivers.bno085.reading import AngleOrder, Reading
-from drivers.serial_imu import SerialImu, SerialImuConfig
-from drivers.streamtime import Lateness, StreamTime
-from drivers.transport import Transport, open_transport
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POINT, QUATERNION
+from srl.drivers.bno085.protocol import BAUDRATE, RATE, WRAP, Parser, Record
+from srl.drivers.bno085.reading import AngleOrder, Reading
+from srl.drivers.serial_imu import SerialImu, SerialImuConfig
+from srl.drivers.streamtime import Lateness, StreamTime
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
 
 FIRST: Final = 1.0  # s for the first frame; a sensor that has just been switched on needs 0.1 s
 _REMEDY: Final = "Check TX and ground, its supply, and that PS0 is high and PS1 low when it is switched on (UART-RVC)"

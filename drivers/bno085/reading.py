@@ -14,10 +14,10 @@ from typing import Final, Literal
 
 import numpy as np
 
-from drivers.bno085.protocol import RATE, Record
-from drivers.gravity_check import GravityCheck
-from runtime.contracts.rotation import EulerQuaternions
-from runtime.contracts.signals import Array
+from srl.drivers.bno085.protocol import RATE, Record
+from srl.drivers.gravity_check import GravityCheck
+from srl.runtime.contracts.rotation import EulerQuaternions
+from srl.runtime.contracts.signals import Array
 
 AngleOrder = Literal["ZXY", "ZYX"]
 

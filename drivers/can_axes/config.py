@@ -9,10 +9,10 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from drivers.can_axes.signals import command_of
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.signals import Limits
+from srl.drivers.can_axes.signals import command_of
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.signals import Limits
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

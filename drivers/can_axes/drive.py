@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from drivers.can_axes.config import CanAxis
+from srl.drivers.can_axes.config import CanAxis
 
 FAR: Final = "is too far from its first command"
 ANEW: Final = "Support the limb, park it, switch the drives off and on there, and start the run anew"

@@ -11,13 +11,13 @@ from typing import Final
 import can
 import numpy as np
 
-from drivers.can_axes.config import CanAxesConfig
-from drivers.can_axes.drive import FAR, Drive
-from drivers.can_axes.signals import command, states
-from drivers.canbus import CanLink, open_can, shared_bus
-from runtime.contracts.driver import Driver, Traffic
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.can_axes.config import CanAxesConfig
+from srl.drivers.can_axes.drive import FAR, Drive
+from srl.drivers.can_axes.signals import command, states
+from srl.drivers.canbus import CanLink, open_can, shared_bus
+from srl.runtime.contracts.driver import Driver, Traffic
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 SILENT: Final = 500_000_000  # ns without a sign of life after which a drive is a fault
 GONE: Final = 1_000_000_000  # ns without a word of any drive after which the bus is lost

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from runtime.contracts.signals import Command, Kind, Signal, Stop
+from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
 
 UNITS: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m", "temperature": "degC", "voltage": "V"}
 COMMANDS: Final = ("position_command", "velocity_command", "torque_command")

@@ -1,5 +1,5 @@
 """Robotous RFT force/torque sensors on a CAN bus."""
 
-from drivers.can_ft.driver import CanFt
+from srl.drivers.can_ft.driver import CanFt
 
 __all__ = ["CanFt"]

@@ -10,7 +10,7 @@ import can
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from drivers.can_ft.protocol import (
+from srl.drivers.can_ft.protocol import (
     CUTOFFS,
     DIVISORS,
     ERRORS,
@@ -23,13 +23,13 @@ from drivers.can_ft.protocol import (
     Response,
     command,
 )
-from drivers.canbus import CanLink, frame_bits, open_can, shared_bus
-from drivers.devicetime import DeviceTime
-from runtime.contracts.driver import DeviceConfig, Sensor, Traffic
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import WRENCH
+from srl.drivers.canbus import CanLink, frame_bits, open_can, shared_bus
+from srl.drivers.devicetime import DeviceTime
+from srl.runtime.contracts.driver import DeviceConfig, Sensor, Traffic
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import WRENCH
 
 TRIES: Final = 3
 ANSWER: Final = 0.3  # s

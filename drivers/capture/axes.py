@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from runtime.contracts.rotation import Quaternion
+from srl.runtime.contracts.rotation import Quaternion
 
 
 def z_up_point(p: Sequence[float]) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from typing import Final, Self
 
 from pydantic import Field, model_validator
 
-from runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.driver import DeviceConfig
 
 SLUG: Final = re.compile(r"[a-z][a-z0-9_-]*")
 TAKEN: Final = ("pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible", "meta")

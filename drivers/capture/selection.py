@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from drivers.capture.config import CaptureConfig
-from drivers.capture.names import Segment, Subject
-from runtime.contracts.errors import DeviceError, nearest
+from srl.drivers.capture.config import CaptureConfig
+from srl.drivers.capture.names import Segment, Subject
+from srl.runtime.contracts.errors import DeviceError, nearest
 
 _LISTED = 20
 

@@ -7,11 +7,11 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from drivers.capture.config import CaptureConfig
-from drivers.capture.names import Point
-from runtime.contracts.rotation import Quaternion
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE
+from srl.drivers.capture.config import CaptureConfig
+from srl.drivers.capture.names import Point
+from srl.runtime.contracts.rotation import Quaternion
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
 
 GIVES: Final = ("pose", "<name>.pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible")
 

@@ -6,8 +6,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.can_axes.config import CanAxesConfig, CanAxis, Finite, Positive
-from drivers.cubemars_servo.models import MODELS, Model
+from srl.drivers.can_axes.config import CanAxesConfig, CanAxis, Finite, Positive
+from srl.drivers.cubemars_servo.models import MODELS, Model
 
 DEGREES = 57.29577951308232
 

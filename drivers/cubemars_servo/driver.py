@@ -9,14 +9,14 @@ from typing import Final
 
 import can
 
-from drivers.can_axes.driver import CanAxes
-from drivers.canbus import CanLink, frame_bits
-from drivers.cubemars_servo import protocol
-from drivers.cubemars_servo.config import DEGREES, CubemarsServoConfig, ServoAxis
-from drivers.cubemars_servo.protocol import STATUS, Mode
-from runtime.contracts.driver import EXTENDED
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Stop
+from srl.drivers.can_axes.driver import CanAxes
+from srl.drivers.canbus import CanLink, frame_bits
+from srl.drivers.cubemars_servo import protocol
+from srl.drivers.cubemars_servo.config import DEGREES, CubemarsServoConfig, ServoAxis
+from srl.drivers.cubemars_servo.protocol import STATUS, Mode
+from srl.runtime.contracts.driver import EXTENDED
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Stop
 
 LISTEN: Final = 1.2  # s: the slowest status comes once a second
 WARM: Final = 70  # degC of the drive from which on a person is told

@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 from ruamel.yaml.error import YAMLError
 
-from drivers.cyberglove.protocol import LABELS
-from runtime.contracts import yaml_text
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import ProfileError, nearest
-from runtime.contracts.files import KeptFile
-from runtime.contracts.glove_record import GloveRecord
-from runtime.contracts.sealed import HASH, ChangedError, opened
-from runtime.contracts.signals import Array
+from srl.drivers.cyberglove.protocol import LABELS
+from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import ProfileError, nearest
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.glove_record import GloveRecord
+from srl.runtime.contracts.sealed import HASH, ChangedError, opened
+from srl.runtime.contracts.signals import Array
 
 _RAW: Final = np.arange(256, dtype=float)
 _Byte = Annotated[float, Field(ge=0, le=255)]

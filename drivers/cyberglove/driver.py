@@ -11,13 +11,13 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from drivers.cyberglove import calibration
-from drivers.cyberglove.protocol import BAUDRATE, LABELS, START, STOP, Parser, Record, Reply, assign, query
-from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.signals import Signal
+from srl.drivers.cyberglove import calibration
+from srl.drivers.cyberglove.protocol import BAUDRATE, LABELS, START, STOP, Parser, Record, Reply, assign, query
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.signals import Signal
 
 TRIES: Final = 3  # after power-up the first answer can fail (§7)
 ANSWER: Final = 1.0  # s for an answer or the first record; the sheet's drivers wait 0.1 to 2 s

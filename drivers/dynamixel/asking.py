@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from drivers.dynamixel.packets import Status
-from drivers.dynamixel.units import OnLine
-from drivers.transport import Transport
+from srl.drivers.dynamixel.packets import Status
+from srl.drivers.dynamixel.units import OnLine
+from srl.drivers.transport import Transport
 
 TRIES: Final = 3
 ANSWER: Final = 0.06  # s; a USB adapter alone may take 16 ms each way

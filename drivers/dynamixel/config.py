@@ -9,15 +9,15 @@ from typing import Annotated, ClassVar, Literal, Self, TypeVar
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from drivers.dynamixel.models import MODELS, Model, Nominal
-from drivers.dynamixel.packets import HIGHEST_ID
-from drivers.dynamixel.table import baud_code
-from runtime.contracts import servo_record
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.files import KeptFile
-from runtime.contracts.servo_record import Entry, Line, ServoFile
-from runtime.contracts.signals import Limits
+from srl.drivers.dynamixel.models import MODELS, Model, Nominal
+from srl.drivers.dynamixel.packets import HIGHEST_ID
+from srl.drivers.dynamixel.table import baud_code
+from srl.runtime.contracts import servo_record
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.servo_record import Entry, Line, ServoFile
+from srl.runtime.contracts.signals import Limits
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Mode = Literal["position", "extended", "velocity", "effort"]

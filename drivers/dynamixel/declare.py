@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from drivers.dynamixel.config import AxisConfig, DynamixelConfig
-from drivers.dynamixel.family import WATCHDOG
-from drivers.dynamixel.setup import watchdog_code
-from runtime.contracts.signals import Command, Kind, Signal, Stop
+from srl.drivers.dynamixel.config import AxisConfig, DynamixelConfig
+from srl.drivers.dynamixel.family import WATCHDOG
+from srl.drivers.dynamixel.setup import watchdog_code
+from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
 
 STATES: Final = ("position", "velocity", "effort", "temperature", "voltage")
 COMMANDS: Final = ("position_command", "velocity_command", "effort_command")

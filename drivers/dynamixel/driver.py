@@ -13,21 +13,21 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel import declare
-from drivers.dynamixel.config import DynamixelConfig
-from drivers.dynamixel.family import family
-from drivers.dynamixel.faults import Faults, who_is_silent
-from drivers.dynamixel.goals import Goals
-from drivers.dynamixel.line import Line, Request
-from drivers.dynamixel.plan import Plan
-from drivers.dynamixel.recovery import Recovery
-from drivers.dynamixel.session import Session, who
-from drivers.dynamixel.setup import Bus, set_up, watchdog_code
-from drivers.transport import Transport, open_transport
-from runtime.contracts import servo_record
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.dynamixel import declare
+from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.drivers.dynamixel.family import family
+from srl.drivers.dynamixel.faults import Faults, who_is_silent
+from srl.drivers.dynamixel.goals import Goals
+from srl.drivers.dynamixel.line import Line, Request
+from srl.drivers.dynamixel.plan import Plan
+from srl.drivers.dynamixel.recovery import Recovery
+from srl.drivers.dynamixel.session import Session, who
+from srl.drivers.dynamixel.setup import Bus, set_up, watchdog_code
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts import servo_record
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Kind, Stop
 
 LOST: Final = 1_000_000_000  # ns without any answer from a servo
 _SUSPECT: Final = 0.8  # share of the watchdog's time without a packet after which it may have tripped

@@ -13,11 +13,11 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.dynamixel import protocol1, protocol2, table
-from drivers.dynamixel.config import DynamixelConfig
-from drivers.dynamixel.models import CENTRE, COUNTS
-from drivers.dynamixel.units import Parser, Units, Wire
-from runtime.contracts.signals import Array, Limits
+from srl.drivers.dynamixel import protocol1, protocol2, table
+from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.drivers.dynamixel.models import CENTRE, COUNTS
+from srl.drivers.dynamixel.units import Parser, Units, Wire
+from srl.runtime.contracts.signals import Array, Limits
 
 VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s per unit
 VELOCITY1: Final = 0.114 * 2 * pi / 60

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from drivers.dynamixel import protocol1
-from drivers.dynamixel.config import AxisConfig
+from srl.drivers.dynamixel import protocol1
+from srl.drivers.dynamixel.config import AxisConfig
 
 ERRORS2: Final = {
     0: "input voltage",

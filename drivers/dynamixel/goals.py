@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.dynamixel.faults import BEYOND, FAR, Faults
-from drivers.dynamixel.units import Units
-from runtime.contracts.signals import Array, Kind
+from srl.drivers.dynamixel.faults import BEYOND, FAR, Faults
+from srl.drivers.dynamixel.units import Units
+from srl.runtime.contracts.signals import Array, Kind
 
 
 class Goals:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from drivers.dynamixel.packets import Status
-from drivers.dynamixel.units import OnLine
-from drivers.transport import Transport
+from srl.drivers.dynamixel.packets import Status
+from srl.drivers.dynamixel.units import OnLine
+from srl.drivers.transport import Transport
 
 LATENCY: Final = 20_000_000  # ns that adapter and kernel may hold bytes back; an FTDI's timer is 16 ms at worst
 

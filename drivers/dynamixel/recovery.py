@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import Final
 
-from drivers.dynamixel import protocol2
-from drivers.dynamixel.family import Family
-from drivers.dynamixel.faults import Faults
-from drivers.dynamixel.line import Request
-from drivers.dynamixel.setup import watchdog_code
-from drivers.dynamixel.table import Register
+from srl.drivers.dynamixel import protocol2
+from srl.drivers.dynamixel.family import Family
+from srl.drivers.dynamixel.faults import Faults
+from srl.drivers.dynamixel.line import Request
+from srl.drivers.dynamixel.setup import watchdog_code
+from srl.drivers.dynamixel.table import Register
 
 PATIENCE: Final = 3_000_000_000  # ns a servo may take to come back from a reboot
 PAUSE: Final = 200_000_000  # ns between attempts

@@ -6,14 +6,14 @@ import time
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
-from drivers.dynamixel import protocol1, protocol2
-from drivers.dynamixel.asking import Asker
-from drivers.dynamixel.family import Family
-from drivers.dynamixel.models import called
-from drivers.dynamixel.packets import BROADCAST
-from drivers.dynamixel.table import BAUDS2, Register
-from drivers.transport import Transport, open_transport
-from runtime.contracts.errors import DeviceError
+from srl.drivers.dynamixel import protocol1, protocol2
+from srl.drivers.dynamixel.asking import Asker
+from srl.drivers.dynamixel.family import Family
+from srl.drivers.dynamixel.models import called
+from srl.drivers.dynamixel.packets import BROADCAST
+from srl.drivers.dynamixel.table import BAUDS2, Register
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.errors import DeviceError
 
 SCAN: Final = 0.08  # s of listening for a broadcast's answers at another baud rate
 _RATES: Final = (57600, 1_000_000, 115200, 2_000_000, 3_000_000, 4_000_000, 9600)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Final
 
-from drivers.dynamixel.config import MotorConfig
-from drivers.dynamixel.family import RETURN_DELAY, WATCHDOG, Family2
-from drivers.dynamixel.session import Session, find
-from drivers.dynamixel.table import Register
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Limits
+from srl.drivers.dynamixel.config import MotorConfig
+from srl.drivers.dynamixel.family import RETURN_DELAY, WATCHDOG, Family2
+from srl.drivers.dynamixel.session import Session, find
+from srl.drivers.dynamixel.table import Register
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Limits
 
 SLAVE: Final = 2  # bit of the drive mode
 NO_ID: Final = 255  # of a secondary id

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.dynamixel.models import Model
+from srl.drivers.dynamixel.models import Model
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,11 +12,11 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.dynamixel.config import AxisConfig
-from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT
-from drivers.dynamixel.packets import BROADCAST, Status
-from drivers.dynamixel.table import Register
-from runtime.contracts.signals import Array
+from srl.drivers.dynamixel.config import AxisConfig
+from srl.drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT
+from srl.drivers.dynamixel.packets import BROADCAST, Status
+from srl.drivers.dynamixel.table import Register
+from srl.runtime.contracts.signals import Array
 
 
 class Parser(Protocol):

@@ -1,7 +1,7 @@
 """Linux input devices (sheet gamepad_f310_and_ring, part A)."""
 
-from drivers.evdev.records import RECORD, AxisInfo, Description, Event, Parser, encode
-from drivers.evdev.source import EventSource, discover, open_source
+from srl.drivers.evdev.records import RECORD, AxisInfo, Description, Event, Parser, encode
+from srl.drivers.evdev.source import EventSource, discover, open_source
 
 __all__ = [
     "RECORD",

@@ -19,8 +19,8 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import NoReturn
 
-from drivers.evdev.records import AxisInfo, Description, Event, Parser
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.evdev.records import AxisInfo, Description, Event, Parser
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 NODES = Path("/dev/input")
 CHUNK = 24 * 64

@@ -1,5 +1,5 @@
 """Feetech STS bus servos, such as the STS3215 of the SO-100 and SO-101 arms, on one half-duplex bus."""
 
-from drivers.feetech.driver import Feetech
+from srl.drivers.feetech.driver import Feetech
 
 __all__ = ["Feetech"]

@@ -7,11 +7,11 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.dynamixel.config import ServoConfig, calibrated, check_axes
-from drivers.feetech.models import MODELS, Model
-from drivers.feetech.table import BAUDS
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.servo_record import ServoFile
+from srl.drivers.dynamixel.config import ServoConfig, calibrated, check_axes
+from srl.drivers.feetech.models import MODELS, Model
+from srl.drivers.feetech.table import BAUDS
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.servo_record import ServoFile
 
 Mode = Literal["position", "extended"]
 

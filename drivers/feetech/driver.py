@@ -12,24 +12,24 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel import declare
-from drivers.dynamixel.asking import Asker
-from drivers.dynamixel.config import bounds
-from drivers.dynamixel.faults import who_is_silent
-from drivers.dynamixel.line import Line, Request
-from drivers.dynamixel.plan import Plan
-from drivers.feetech import protocol
-from drivers.feetech.config import FeetechConfig
-from drivers.feetech.faults import FeetechFaults, Watch
-from drivers.feetech.goals import StoredGoals
-from drivers.feetech.opening import Bus, set_up, settings, who
-from drivers.feetech.table import TABLE
-from drivers.feetech.units import FeetechUnits
-from drivers.transport import Transport, open_transport
-from runtime.contracts import servo_record
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.dynamixel import declare
+from srl.drivers.dynamixel.asking import Asker
+from srl.drivers.dynamixel.config import bounds
+from srl.drivers.dynamixel.faults import who_is_silent
+from srl.drivers.dynamixel.line import Line, Request
+from srl.drivers.dynamixel.plan import Plan
+from srl.drivers.feetech import protocol
+from srl.drivers.feetech.config import FeetechConfig
+from srl.drivers.feetech.faults import FeetechFaults, Watch
+from srl.drivers.feetech.goals import StoredGoals
+from srl.drivers.feetech.opening import Bus, set_up, settings, who
+from srl.drivers.feetech.table import TABLE
+from srl.drivers.feetech.units import FeetechUnits
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts import servo_record
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 LOST: Final = 1_000_000_000  # ns without any answer from a servo
 _COMMAND: Final = "position_command"

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel.faults import Faults
-from drivers.feetech import protocol
-from runtime.contracts.signals import Array
+from srl.drivers.dynamixel.faults import Faults
+from srl.drivers.feetech import protocol
+from srl.runtime.contracts.signals import Array
 
 WORDS: Final = {
     protocol.VOLTAGE: "input voltage out of its limits",

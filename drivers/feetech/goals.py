@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.dynamixel.faults import Faults
-from drivers.dynamixel.goals import Goals
-from drivers.dynamixel.models import PER_COUNT
-from drivers.feetech.units import FeetechUnits
-from runtime.contracts.signals import Array, Kind
+from srl.drivers.dynamixel.faults import Faults
+from srl.drivers.dynamixel.goals import Goals
+from srl.drivers.dynamixel.models import PER_COUNT
+from srl.drivers.feetech.units import FeetechUnits
+from srl.runtime.contracts.signals import Array, Kind
 
 
 class StoredGoals(Goals):

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.dynamixel.asking import Asker
-from drivers.dynamixel.packets import Status
-from drivers.dynamixel.table import Register
-from drivers.feetech import protocol
-from drivers.feetech.models import STRANGERS, called
-from drivers.feetech.table import POSITION, SEVERAL_TURNS, TABLE
-from drivers.feetech.units import RETURN_DELAY, FeetechUnits, own_range
-from drivers.transport import Transport, open_transport
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Limits
+from srl.drivers.dynamixel.asking import Asker
+from srl.drivers.dynamixel.packets import Status
+from srl.drivers.dynamixel.table import Register
+from srl.drivers.feetech import protocol
+from srl.drivers.feetech.models import STRANGERS, called
+from srl.drivers.feetech.table import POSITION, SEVERAL_TURNS, TABLE
+from srl.drivers.feetech.units import RETURN_DELAY, FeetechUnits, own_range
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Limits
 
 SCAN: Final = 0.1  # s of listening for a broadcast's answers
 _PARTS: Final = ((0, 40), (40, 31))  # (address, size) of the reads that give a servo's registers

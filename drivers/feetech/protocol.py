@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from itertools import accumulate
 from typing import Final
 
-from drivers.dynamixel.packets import BROADCAST
-from drivers.dynamixel.protocol1 import (
+from srl.drivers.dynamixel.packets import BROADCAST
+from srl.drivers.dynamixel.protocol1 import (
     ACTION,
     OVERHEAD,
     PING,

@@ -9,13 +9,13 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.dynamixel.models import PER_COUNT
-from drivers.dynamixel.table import Register
-from drivers.dynamixel.units import Units, Wire
-from drivers.feetech import protocol
-from drivers.feetech.config import FeetechConfig
-from drivers.feetech.table import TABLE, TURNS, signed
-from runtime.contracts.signals import Array, Limits
+from srl.drivers.dynamixel.models import PER_COUNT
+from srl.drivers.dynamixel.table import Register
+from srl.drivers.dynamixel.units import Units, Wire
+from srl.drivers.feetech import protocol
+from srl.drivers.feetech.config import FeetechConfig
+from srl.drivers.feetech.table import TABLE, TURNS, signed
+from srl.runtime.contracts.signals import Array, Limits
 
 CURRENT: Final = 6.5e-3  # A per unit; one source only
 VOLT: Final = 0.1

@@ -1,5 +1,5 @@
 """Arduino boards with StandardFirmata: hobby servos and push buttons."""
 
-from drivers.firmata.driver import Firmata
+from srl.drivers.firmata.driver import Firmata
 
 __all__ = ["Firmata"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivers.debounce import Debounced
+from srl.drivers.debounce import Debounced
 
 
 class Buttons:

@@ -7,12 +7,12 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError, model_validator
 
-from drivers.firmata.protocol import MAX_SERVOS, MIN_PULSE_US
-from runtime.contracts import servo_record
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.servo_record import Entry, Line, ServoFile
+from srl.drivers.firmata.protocol import MAX_SERVOS, MIN_PULSE_US
+from srl.runtime.contracts import servo_record
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.servo_record import Entry, Line, ServoFile
 
 MAX_PULSE_US = 2400
 DRIVER = "firmata"

@@ -12,16 +12,16 @@ import math
 
 import numpy as np
 
-from drivers.firmata import protocol
-from drivers.firmata.buttons import Buttons
-from drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
-from drivers.firmata.identify import FLASH, identify, listen, require, who
-from drivers.firmata.protocol import Decoder, Mode
-from drivers.transport import Transport, open_transport
-from runtime.contracts import servo_record
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
+from srl.drivers.firmata import protocol
+from srl.drivers.firmata.buttons import Buttons
+from srl.drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
+from srl.drivers.firmata.identify import FLASH, identify, listen, require, who
+from srl.drivers.firmata.protocol import Decoder, Mode
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts import servo_record
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
 
 COMMAND = "position_command"
 PERIOD = 0.05  # s: a command waits for the answer to the one before, over USB with a latency timer of 16 ms

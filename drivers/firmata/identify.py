@@ -6,10 +6,10 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drivers.firmata import protocol
-from drivers.firmata.protocol import Decoder, Message, Mode, Version
-from drivers.transport import Transport, open_transport
-from runtime.contracts.errors import DeviceError
+from srl.drivers.firmata import protocol
+from srl.drivers.firmata.protocol import Decoder, Message, Mode, Version
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.errors import DeviceError
 
 BOOT = 5.0  # s, from opening the port (which resets most boards) to the first message
 LAST_CALL = 1.5  # s, for the answer after a reset by message

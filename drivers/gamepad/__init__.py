@@ -1,5 +1,5 @@
 """Logitech F310 and other pads that Linux's xpad driver serves."""
 
-from drivers.gamepad.driver import Gamepad, GamepadConfig
+from srl.drivers.gamepad.driver import Gamepad, GamepadConfig
 
 __all__ = ["Gamepad", "GamepadConfig"]

@@ -7,11 +7,11 @@ from typing import Final
 
 from pydantic import Field
 
-from drivers.evdev import AxisInfo, Description, Event, EventSource, discover, open_source
-from drivers.evdev.records import EV_ABS, EV_KEY
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Signal
+from srl.drivers.evdev import AxisInfo, Description, Event, EventSource, discover, open_source
+from srl.drivers.evdev.records import EV_ABS, EV_KEY
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Signal
 
 VENDOR, X_MODE, D_MODE = 0x046D, 0xC21D, 0xC216
 STICKS: Final = (0x00, 0x01, 0x03, 0x04)  # ABS_X, ABS_Y, ABS_RX, ABS_RY: right and down are positive

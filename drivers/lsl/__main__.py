@@ -1,7 +1,7 @@
-"""`python -m drivers.lsl DESCRIPTOR`, started by `drivers.lsl.driver`."""
+"""`python -m srl.drivers.lsl DESCRIPTOR`, started by `srl.drivers.lsl.driver`."""
 
 import sys
 
-from drivers.lsl.process import main
+from srl.drivers.lsl.process import main
 
 sys.exit(main(sys.argv[1:]))

@@ -8,11 +8,11 @@ from typing import Final
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from drivers.lsl.units import KNOWN, factor
-from runtime.contracts import terms
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.signals import Signal
+from srl.drivers.lsl.units import KNOWN, factor
+from srl.runtime.contracts import terms
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.signals import Signal
 
 PORT: Final = 16571  # liblsl's own, for discovery; streams have those after it
 _NAME = re.compile(r"^[a-z][a-z0-9_]*$")

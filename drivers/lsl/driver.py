@@ -8,13 +8,13 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 
-from drivers.helper_process import HelperProcess, ProcessEndedError
-from drivers.lsl import wire
-from drivers.lsl.config import LslConfig
-from drivers.lsl.match import match
-from drivers.lsl.rows import Rows
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.helper_process import HelperProcess, ProcessEndedError
+from srl.drivers.lsl import wire
+from srl.drivers.lsl.config import LslConfig
+from srl.drivers.lsl.match import match
+from srl.drivers.lsl.rows import Rows
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 START: Final = 15.0  # s for the process to begin, find the stream and describe it
 FIRST: Final = 3.0  # s for a regular stream's first sample
@@ -73,7 +73,7 @@ class Lsl(Sensor):
         self._config = config
         self.states = config.states()
         self._place = f"{name} ({config.port})"
-        self._helper = HelperProcess(self._place, "drivers.lsl", "LSL process")
+        self._helper = HelperProcess(self._place, "srl.drivers.lsl", "LSL process")
         self._rows = Rows(config, {})
         self._latency, self._silence = round(config.latency * 1e9), round(config.silence * 1e9)
         self._uid = ""

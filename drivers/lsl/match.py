@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from drivers.lsl.config import LslConfig, LslSignal
-from drivers.lsl.units import factor
-from runtime.contracts.errors import DeviceError, nearest
-from runtime.contracts.signals import Array
+from srl.drivers.lsl.config import LslConfig, LslSignal
+from srl.drivers.lsl.units import factor
+from srl.runtime.contracts.errors import DeviceError, nearest
+from srl.runtime.contracts.signals import Array
 
 _PROFILE = "Correct the profile, or the sender's settings"
 

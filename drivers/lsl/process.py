@@ -1,4 +1,4 @@
-"""The process that holds liblsl for one driver: `python -m drivers.lsl DESCRIPTOR`.
+"""The process that holds liblsl for one driver: `python -m srl.drivers.lsl DESCRIPTOR`.
 
 liblsl starts threads, opens sockets on every address, and blocks while it looks for streams and while it ends. So it is
 alone here: started for one stream, and ended, without its help, when the driver closes or the stream is lost. It never
@@ -19,9 +19,9 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 
-from drivers.lsl import wire
-from runtime.contracts.errors import RequestError
-from runtime.contracts.reach import refuse_strangers
+from srl.drivers.lsl import wire
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.reach import refuse_strangers
 
 POLL: Final = 0.002  # s between looks for samples
 LOOK: Final = 1.0  # s between looks at the clock's offset and at the machine's addresses
@@ -165,7 +165,7 @@ class Process:
 def main(arguments: list[str]) -> int:
     """Runs the process. Returns the exit code."""
     if len(arguments) != 1 or not arguments[0].isdigit():
-        print("usage: python -m drivers.lsl DESCRIPTOR", file=sys.stderr)
+        print("usage: python -m srl.drivers.lsl DESCRIPTOR", file=sys.stderr)
         return 2
     end = socket.socket(fileno=int(arguments[0]))
     os.set_inheritable(end.fileno(), False)

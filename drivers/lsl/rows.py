@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.lsl.config import LslConfig
-from drivers.lsl.match import Picked
-from runtime.contracts.signals import Array
+from srl.drivers.lsl.config import LslConfig
+from srl.drivers.lsl.match import Picked
+from srl.runtime.contracts.signals import Array
 
 
 class Taken(NamedTuple):

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 _HEAD: Final = struct.Struct("<cQqdHH")
 MOST: Final = 60000  # bytes of values in a message

@@ -1,5 +1,5 @@
 """MIT-mode actuators on CAN: CubeMars AK and Damiao."""
 
-from drivers.mit_can.driver import MitCan
+from srl.drivers.mit_can.driver import MitCan
 
 __all__ = ["MitCan"]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from drivers.mit_can import protocol
-from drivers.mit_can.config import MitCanConfig
-from drivers.mit_can.models import Range
-from drivers.mit_can.protocol import Impedance, State
-from runtime.contracts.signals import Array
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.drivers.mit_can.models import Range
+from srl.drivers.mit_can.protocol import Impedance, State
+from srl.runtime.contracts.signals import Array
 
 
 class Axes:

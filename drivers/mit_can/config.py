@@ -7,11 +7,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.dynamixel.config import AxisConfig, check_axes
-from drivers.mit_can.models import MODELS, Generation, Maker, Model, Range
-from drivers.mit_can.protocol import KD_MAX, KP_MAX, TICK, V3_STATUS
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import OptionError, nearest
+from srl.drivers.dynamixel.config import AxisConfig, check_axes
+from srl.drivers.mit_can.models import MODELS, Generation, Maker, Model, Range
+from srl.drivers.mit_can.protocol import KD_MAX, KP_MAX, TICK, V3_STATUS
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import OptionError, nearest
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 MARGIN = 0.1  # rad kept free at the ends of the wire's range, where a position wraps

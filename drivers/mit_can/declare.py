@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel import declare
-from drivers.dynamixel.config import bounds
-from drivers.mit_can import protocol
-from drivers.mit_can.config import MitCanConfig
-from drivers.mit_can.models import Range
-from runtime.contracts.driver import EXTENDED
-from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
+from srl.drivers.dynamixel import declare
+from srl.drivers.dynamixel.config import bounds
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.drivers.mit_can.models import Range
+from srl.runtime.contracts.driver import EXTENDED
+from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 STATES: Final = ("position", "velocity", "effort", "temperature")
 COMMANDS: Final = ("position_command", "velocity_command", "effort_command")

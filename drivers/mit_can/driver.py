@@ -9,20 +9,20 @@ from typing import Final
 import can
 import numpy as np
 
-from drivers.canbus import CanLink, frame_bits, open_can, shared_bus
-from drivers.mit_can import declare, protocol
-from drivers.mit_can.axes import Axes
-from drivers.mit_can.config import MitCanConfig
-from drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
-from drivers.mit_can.faults import MitFaults, warnings
-from drivers.mit_can.line import Line, command_ids
-from drivers.mit_can.motor import Motor, Stage
-from drivers.mit_can.opening import Opening, same_place, stoppable
-from drivers.mit_can.protocol import Impedance, State
-from drivers.mit_can.replies import Replies
-from runtime.contracts.driver import Driver, Traffic
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.canbus import CanLink, frame_bits, open_can, shared_bus
+from srl.drivers.mit_can import declare, protocol
+from srl.drivers.mit_can.axes import Axes
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
+from srl.drivers.mit_can.faults import MitFaults, warnings
+from srl.drivers.mit_can.line import Line, command_ids
+from srl.drivers.mit_can.motor import Motor, Stage
+from srl.drivers.mit_can.opening import Opening, same_place, stoppable
+from srl.drivers.mit_can.protocol import Impedance, State
+from srl.drivers.mit_can.replies import Replies
+from srl.runtime.contracts.driver import Driver, Traffic
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Kind, Stop
 
 UNANSWERED: Final = 3  # frames without a reply, and
 SILENT: Final = 10_000_000  # ns without one, after which a motor is silent

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from drivers.mit_can.config import MitCanConfig, MotorConfig
-from drivers.mit_can.plausible import Plausible
-from runtime.contracts.signals import Array
+from srl.drivers.mit_can.config import MitCanConfig, MotorConfig
+from srl.drivers.mit_can.plausible import Plausible
+from srl.runtime.contracts.signals import Array
 
 LONG: Final = 300_000_000  # ns above `hot` before it is a fault
 NEAR: Final = 10.0  # K below it at which a person is told

@@ -7,10 +7,10 @@ from typing import Final
 
 import can
 
-from drivers.canbus import CanLink
-from drivers.mit_can import protocol
-from drivers.mit_can.config import MitCanConfig
-from runtime.contracts.errors import DeviceLostError
+from srl.drivers.canbus import CanLink
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.runtime.contracts.errors import DeviceLostError
 
 OWED: Final = 256  # replies that are waited for at most: an adapter may hold back many and give them at once
 EXTRA: Final = 10  # replies that nobody asked for, within

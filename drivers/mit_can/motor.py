@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from drivers.mit_can.config import MotorConfig
-from drivers.mit_can.doubt import Doubt
-from drivers.mit_can.plausible import Plausible
+from srl.drivers.mit_can.config import MotorConfig
+from srl.drivers.mit_can.doubt import Doubt
+from srl.drivers.mit_can.plausible import Plausible
 
 
 class Stage(IntEnum):

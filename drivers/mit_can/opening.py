@@ -14,12 +14,12 @@ from typing import Final
 
 import can
 
-from drivers.canbus import CanLink
-from drivers.mit_can import protocol
-from drivers.mit_can.config import MARGIN, MitCanConfig, MotorConfig
-from drivers.mit_can.models import MODELS, Range
-from drivers.mit_can.protocol import MIT, Impedance, Register, State
-from runtime.contracts.errors import DeviceError
+from srl.drivers.canbus import CanLink
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.config import MARGIN, MitCanConfig, MotorConfig
+from srl.drivers.mit_can.models import MODELS, Range
+from srl.drivers.mit_can.protocol import MIT, Impedance, Register, State
+from srl.runtime.contracts.errors import DeviceError
 
 ANSWER: Final = 0.05  # s
 TRIES: Final = 3

@@ -11,7 +11,7 @@ from enum import IntEnum
 from math import isfinite, isnan, pi
 from typing import Final
 
-from drivers.mit_can.models import Model, Range
+from srl.drivers.mit_can.models import Model, Range
 
 KP_MAX, KD_MAX = 500.0, 5.0  # N m/rad, N m s/rad
 WORD, FIELD = 0xFFFF, 0xFFF  # largest position, and largest of any other field

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import can
 
-from drivers.mit_can import protocol
-from drivers.mit_can.config import MitCanConfig
-from drivers.mit_can.protocol import State
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.drivers.mit_can.protocol import State
 
 
 @dataclass(frozen=True)

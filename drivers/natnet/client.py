@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from drivers.capture.order import Order
-from drivers.datagram import Datagrams, open_datagrams, open_group, route_to, split_url
-from drivers.natnet import frame as frames
-from drivers.natnet import model as models
-from drivers.natnet import protocol
-from drivers.natnet.frame import MotiveFrame
-from drivers.natnet.model import Model
-from drivers.natnet.protocol import MalformedError, Message, ServerInfo
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.capture.order import Order
+from srl.drivers.datagram import Datagrams, open_datagrams, open_group, route_to, split_url
+from srl.drivers.natnet import frame as frames
+from srl.drivers.natnet import model as models
+from srl.drivers.natnet import protocol
+from srl.drivers.natnet.frame import MotiveFrame
+from srl.drivers.natnet.model import Model
+from srl.drivers.natnet.protocol import MalformedError, Message, ServerInfo
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 ANSWER: Final = 2.0  # s for the server info, the definitions, and a frame, each
 REPLY: Final = 0.3  # s for the answer to a request in words, which not every server gives

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.capture.config import CaptureConfig
+from srl.drivers.capture.config import CaptureConfig
 
 
 class NatNetConfig(CaptureConfig):

@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Final
 
-from drivers.capture.names import Subject
-from drivers.capture.selection import refuse
-from drivers.capture.view import GIVES, View, signals
-from drivers.devicetime import DeviceTime
-from drivers.natnet.client import Client
-from drivers.natnet.config import NatNetConfig
-from drivers.natnet.frame import EDITED, KNOWN, MODEL_CHANGED, MotiveFrame
-from drivers.natnet.scene import Scene
-from drivers.pause import Pause
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array
+from srl.drivers.capture.names import Subject
+from srl.drivers.capture.selection import refuse
+from srl.drivers.capture.view import GIVES, View, signals
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.natnet.client import Client
+from srl.drivers.natnet.config import NatNetConfig
+from srl.drivers.natnet.frame import EDITED, KNOWN, MODEL_CHANGED, MotiveFrame
+from srl.drivers.natnet.scene import Scene
+from srl.drivers.pause import Pause
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Array
 
 _MOST: Final = 1.0  # s; a longer way from exposure to sending isn't one
 _SLOWER: Final = 0.99  # of the profile's rate
@@ -26,7 +26,7 @@ _SLOWER: Final = 0.99  # of the profile's rate
 class NatNet(Sensor):
     """Rigid bodies, skeletons and labelled markers from Motive, in its origin, z up.
 
-    States: those of a Vicon (`drivers.vicon.Vicon`), which the profile requests.
+    States: those of a Vicon (`srl.drivers.vicon.Vicon`), which the profile requests.
 
     A body, bone or marker that isn't tracked keeps its last pose with `visible` 0; a marker that Motive puts where its
     model has it isn't measured, and counts as hidden. A frame in which nothing wanted is visible, or something

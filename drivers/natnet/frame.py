@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from drivers.capture.names import Point
-from drivers.natnet.protocol import Cursor, MalformedError, Version
-from runtime.contracts.rotation import Quaternion
+from srl.drivers.capture.names import Point
+from srl.drivers.natnet.protocol import Cursor, MalformedError, Version
+from srl.runtime.contracts.rotation import Quaternion
 
 BODY: Final = struct.Struct("<i3f4ffh")  # 38 bytes
 MARKER: Final = struct.Struct("<i3ffhf")  # 26 bytes

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from typing import Final, NamedTuple
 
-from drivers.capture.names import Marker, Point, Segment, Subject
-from drivers.natnet.protocol import Cursor, MalformedError, Version
+from srl.drivers.capture.names import Marker, Point, Segment, Subject
+from srl.drivers.natnet.protocol import Cursor, MalformedError, Version
 
 MARKER_SET, RIGID_BODY, SKELETON, FORCE_PLATE, DEVICE, CAMERA, ASSET = range(7)
 _OFFSET: Final = struct.Struct("<ii3f")

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from math import dist, isfinite
 from typing import Final
 
-from drivers.capture.axes import z_up_point, z_up_quaternion
-from drivers.capture.names import Point, Subject
-from drivers.capture.reach import FARTHEST
-from drivers.capture.selection import select
-from drivers.capture.upright import Upright
-from drivers.natnet.config import NatNetConfig
-from drivers.natnet.frame import FILLED, OCCLUDED, UNLABELLED, Body, MotiveFrame
-from drivers.natnet.model import KIND, BodyModel, Model
-from runtime.contracts.rotation import Quaternion, normalised
+from srl.drivers.capture.axes import z_up_point, z_up_quaternion
+from srl.drivers.capture.names import Point, Subject
+from srl.drivers.capture.reach import FARTHEST
+from srl.drivers.capture.selection import select
+from srl.drivers.capture.upright import Upright
+from srl.drivers.natnet.config import NatNetConfig
+from srl.drivers.natnet.frame import FILLED, OCCLUDED, UNLABELLED, Body, MotiveFrame
+from srl.drivers.natnet.model import KIND, BodyModel, Model
+from srl.runtime.contracts.rotation import Quaternion, normalised
 
 _UNIT: Final = 1e-2  # by which a quaternion's length may differ from 1
 _FLOOR: Final = -0.3  # m; what is lower is beneath the floor, or another axis is up

@@ -1,6 +1,6 @@
 """Noitom Perception Neuron suits, through Axis Neuron or Axis Studio."""
 
-from drivers.noitom.config import NoitomConfig
-from drivers.noitom.driver import Noitom
+from srl.drivers.noitom.config import NoitomConfig
+from srl.drivers.noitom.driver import Noitom
 
 __all__ = ["Noitom", "NoitomConfig"]

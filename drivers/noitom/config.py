@@ -6,12 +6,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.rotation import Order
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POINT, QUATERNION
+from srl.drivers.noitom.skeleton import JOINTS, Kind, Skeleton
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.rotation import Order
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
 
 
 class NoitomConfig(DeviceConfig):

@@ -6,16 +6,16 @@ import time
 from math import degrees
 from typing import Final
 
-from drivers.datagram import Datagrams, open_datagrams
-from drivers.noitom.config import NoitomConfig, signals
-from drivers.noitom.floor import Floor
-from drivers.noitom.pose import Pose
-from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
-from drivers.noitom.skeleton import Skeleton
-from drivers.streamtime import Lateness, StreamTime, measured_rate
-from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.datagram import Datagrams, open_datagrams
+from srl.drivers.noitom.config import NoitomConfig, signals
+from srl.drivers.noitom.floor import Floor
+from srl.drivers.noitom.pose import Pose
+from srl.drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.drivers.streamtime import Lateness, StreamTime, measured_rate
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is first measured

@@ -11,9 +11,9 @@ from typing import Final, get_args
 
 import numpy as np
 
-from drivers.noitom.skeleton import JOINTS, Skeleton
-from runtime.contracts.rotation import EulerQuaternions, Order, product, turned
-from runtime.contracts.signals import Array
+from srl.drivers.noitom.skeleton import JOINTS, Skeleton
+from srl.runtime.contracts.rotation import EulerQuaternions, Order, product, turned
+from srl.runtime.contracts.signals import Array
 
 STEP: Final = 20  # frames between two looks: each takes 0.4 ms
 OFF, ON = 0.25, 0.10  # m: the lowest foot leaves the floor by more than this, or less

@@ -6,10 +6,10 @@ import json
 
 from pydantic import ValidationError
 
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.files import KeptFile
-from runtime.contracts.sealed import HASH, ChangedError, opened
-from runtime.contracts.suit_record import SuitRecord
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.sealed import HASH, ChangedError, opened
+from srl.runtime.contracts.suit_record import SuitRecord
 
 _AGAIN = "Calibrate again: `srl calibrate PROFILE suit`"
 

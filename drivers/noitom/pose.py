@@ -7,12 +7,12 @@ from math import cos, sin
 
 import numpy as np
 
-from drivers.noitom.config import NoitomConfig
-from drivers.noitom.heading import load
-from drivers.noitom.protocol import Frame
-from drivers.noitom.skeleton import JOINTS, Skeleton
-from runtime.contracts.rotation import EulerQuaternions, product, turned
-from runtime.contracts.signals import Array
+from srl.drivers.noitom.config import NoitomConfig
+from srl.drivers.noitom.heading import load
+from srl.drivers.noitom.protocol import Frame
+from srl.drivers.noitom.skeleton import JOINTS, Skeleton
+from srl.runtime.contracts.rotation import EulerQuaternions, product, turned
+from srl.runtime.contracts.signals import Array
 
 
 class Pose:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import from_json
 
-from drivers.noitom.skeleton import JOINTS
+from srl.drivers.noitom.skeleton import JOINTS
 
 HEADER: Final = struct.Struct("<HIHBBI32sI12xH")  # 64 bytes
 TOKENS: Final = (0xDDFF, 0xEEFF)

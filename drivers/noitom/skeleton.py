@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 Kind = Literal["axis-neuron", "axis-studio"]
 

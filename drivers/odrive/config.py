@@ -7,10 +7,10 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from drivers.can_axes.config import CanAxesConfig, CanAxis, Finite, Positive
-from drivers.odrive.protocol import Firmware
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.sealed import opened
+from srl.drivers.can_axes.config import CanAxesConfig, CanAxis, Finite, Positive
+from srl.drivers.odrive.protocol import Firmware
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.sealed import opened
 
 PATHS: Final = {
     "axis0.config.watchdog_timeout": "float",

@@ -8,13 +8,13 @@ from typing import Final
 
 import can
 
-from drivers.can_axes.driver import CanAxes
-from drivers.canbus import CanLink, frame_bits
-from drivers.odrive import opening, protocol, words
-from drivers.odrive.config import OdriveConfig
-from drivers.odrive.protocol import CLOSED_LOOP, IDLE, Command
-from drivers.odrive.units import Scale
-from runtime.contracts.errors import DeviceError
+from srl.drivers.can_axes.driver import CanAxes
+from srl.drivers.canbus import CanLink, frame_bits
+from srl.drivers.odrive import opening, protocol, words
+from srl.drivers.odrive.config import OdriveConfig
+from srl.drivers.odrive.protocol import CLOSED_LOOP, IDLE, Command
+from srl.drivers.odrive.units import Scale
+from srl.runtime.contracts.errors import DeviceError
 
 BEAT: Final = 500_000_000  # ns: a heartbeat that is older tells nothing about the axis
 ASK: Final = 4_000_000  # ns between two requests

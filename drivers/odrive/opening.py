@@ -9,12 +9,12 @@ from typing import Final
 
 import can
 
-from drivers.canbus import CanLink
-from drivers.odrive import protocol, words
-from drivers.odrive.config import Endpoints, OdriveAxis, OdriveConfig
-from drivers.odrive.protocol import Command
-from drivers.odrive.units import Scale
-from runtime.contracts.errors import DeviceError
+from srl.drivers.canbus import CanLink
+from srl.drivers.odrive import protocol, words
+from srl.drivers.odrive.config import Endpoints, OdriveAxis, OdriveConfig
+from srl.drivers.odrive.protocol import Command
+from srl.drivers.odrive.units import Scale
+from srl.runtime.contracts.errors import DeviceError
 
 LISTEN: Final = 0.4  # s; a heartbeat comes every 0.1 s
 SETTLE: Final = 2.0  # s for which an axis of an earlier run may need to coast

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import tau
 
-from drivers.odrive.config import OdriveAxis
+from srl.drivers.odrive.config import OdriveAxis
 
 
 class Scale:

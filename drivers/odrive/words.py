@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.odrive.protocol import STATES, Firmware
+from srl.drivers.odrive.protocol import STATES, Firmware
 
 WATCHDOG: Final = {"0.5": 0x800, "0.6": 1 << 24}
 _RECALIBRATE: Final = "calibrate motor and encoder with the maker's tool"

@@ -1,5 +1,5 @@
 """Franka arms over the Franka Control Interface (FCI): Panda (FER) and Franka Research 3 (FR3)."""
 
-from drivers.panda.driver import Panda
+from srl.drivers.panda.driver import Panda
 
 __all__ = ["Panda"]

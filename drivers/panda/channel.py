@@ -7,11 +7,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from drivers.panda.packets import VERSIONS
-from drivers.panda.protocol import Reply, ReplyParser, Status, encode_request
-from drivers.panda.requests import Body, Connect
-from drivers.transport import Transport, open_transport
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.panda.packets import VERSIONS
+from srl.drivers.panda.protocol import Reply, ReplyParser, Status, encode_request
+from srl.drivers.panda.requests import Body, Connect
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 ANSWER: Final = 3.0  # s for the reply to Connect
 SILENCE: Final = 10_000_000_000  # ns without a reply after which the robot counts as lost

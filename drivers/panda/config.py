@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from drivers.panda.requests import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.per_element import Finite, PerElement, Positive
-from runtime.contracts.signals import Command, Kind, Signal, Stop
-from runtime.contracts.terms import POINT, POSE, WRENCH
+from srl.drivers.panda.requests import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.per_element import Finite, PerElement, Positive
+from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
+from srl.runtime.contracts.terms import POINT, POSE, WRENCH
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 STATES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench", "pose", "success_rate")

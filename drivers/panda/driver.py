@@ -10,19 +10,19 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from drivers.datagram import Datagrams, open_datagrams
-from drivers.devicetime import DeviceTime
-from drivers.panda.channel import Channel, open_channel
-from drivers.panda.config import COMMANDS, FORCE, STATES, PandaConfig, commands, states
-from drivers.panda.limits import BY_VERSION
-from drivers.panda.motion import Motion, Phase
-from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Reply, Status
-from drivers.panda.requests import AutomaticErrorRecovery, Body, StopMove
-from drivers.panda.state import Modes, StateReader
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.datagram import Datagrams, open_datagrams
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.panda.channel import Channel, open_channel
+from srl.drivers.panda.config import COMMANDS, FORCE, STATES, PandaConfig, commands, states
+from srl.drivers.panda.limits import BY_VERSION
+from srl.drivers.panda.motion import Motion, Phase
+from srl.drivers.panda.packets import RobotMode
+from srl.drivers.panda.protocol import Reply, Status
+from srl.drivers.panda.requests import AutomaticErrorRecovery, Body, StopMove
+from srl.drivers.panda.state import Modes, StateReader
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 FIRST_STATE: Final = 1.0  # s from Connect to the first state
 MASS: Final = 0.01  # kg by which two masses may differ, as the robot tells them rounded

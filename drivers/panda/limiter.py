@@ -17,8 +17,8 @@ from typing import Final
 
 import numpy as np
 
-from drivers.panda.limits import ACCELERATION, DT, JERK, TORQUE, TORQUE_RATE, RobotLimits
-from runtime.contracts.compiled import numbers
+from srl.drivers.panda.limits import ACCELERATION, DT, JERK, TORQUE, TORQUE_RATE, RobotLimits
+from srl.runtime.contracts.compiled import numbers
 
 STEP: Final = TORQUE * TORQUE_RATE * DT  # N m from one packet to the next
 _APART: Final = 2 * STEP

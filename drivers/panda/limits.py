@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Kind, Limits
+from srl.runtime.contracts.signals import Kind, Limits
 
 DT: Final = 1e-3  # s between states
 TORQUE_RATE: Final = 1000.0  # N m/s

@@ -14,14 +14,14 @@ from typing import Final
 
 import numpy as np
 
-from drivers.panda.limiter import MotionLimiter, TorqueLimiter
-from drivers.panda.limits import BY_VERSION
-from drivers.panda.packets import ROOM, Controller, Generator, command_dtype
-from drivers.panda.protocol import Reply, Status
-from drivers.panda.requests import Move
-from drivers.panda.state import Modes, StateReader
-from runtime.contracts.compiled import bind_or_python, numbers, undone
-from runtime.contracts.signals import Array, Kind
+from srl.drivers.panda.limiter import MotionLimiter, TorqueLimiter
+from srl.drivers.panda.limits import BY_VERSION
+from srl.drivers.panda.packets import ROOM, Controller, Generator, command_dtype
+from srl.drivers.panda.protocol import Reply, Status
+from srl.drivers.panda.requests import Move
+from srl.drivers.panda.state import Modes, StateReader
+from srl.runtime.contracts.compiled import bind_or_python, numbers, undone
+from srl.runtime.contracts.signals import Array, Kind
 
 PATIENCE: Final = 1000  # states to wait for a reply after the motion's end, or for the motion after its start
 STARVED: Final = 25_000_000  # ns without a state to answer: the robot ends a motion after 20 lost packets (sheet)

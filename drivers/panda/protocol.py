@@ -14,8 +14,8 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any
 
-from drivers.panda.packets import VERSIONS
-from drivers.panda.requests import (
+from srl.drivers.panda.packets import VERSIONS
+from srl.drivers.panda.requests import (
     AutomaticErrorRecovery,
     Body,
     Connect,

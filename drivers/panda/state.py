@@ -12,11 +12,11 @@ from struct import Struct
 
 import numpy as np
 
-from drivers.panda.packets import ROOM, RobotMode, error_names, state_dtype
-from runtime.contracts import rotation
-from runtime.contracts.compiled import Step, bind_or_python, numbers, undone
-from runtime.contracts.rotation import Quaternion
-from runtime.contracts.signals import Array
+from srl.drivers.panda.packets import ROOM, RobotMode, error_names, state_dtype
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.compiled import Step, bind_or_python, numbers, undone
+from srl.runtime.contracts.rotation import Quaternion
+from srl.runtime.contracts.signals import Array
 
 _ID = Struct("<Q")
 # The driver's signals that are copied unchanged.

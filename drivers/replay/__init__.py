@@ -1,5 +1,5 @@
 """Replays a recorded device in place of the real one."""
 
-from drivers.replay.driver import Replay, ReplayConfig
+from srl.drivers.replay.driver import Replay, ReplayConfig
 
 __all__ = ["Replay", "ReplayConfig"]

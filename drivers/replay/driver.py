@@ -6,11 +6,11 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.replay.track import load
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.files import ProfilePath
-from runtime.contracts.signals import Array
+from srl.drivers.replay.track import load
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.signals import Array
 
 
 class ReplayConfig(DeviceConfig):

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts import terms
-from runtime.contracts.errors import RecordingError, nearest
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array, Signal
-from runtime.recording.reader import Recording, read
+from srl.runtime.contracts import terms
+from srl.runtime.contracts.errors import RecordingError, nearest
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.recording.reader import Recording, read
 
 
 class Track:

@@ -1,5 +1,5 @@
 """A ring with one push button."""
 
-from drivers.ring.driver import Ring, RingConfig
+from srl.drivers.ring.driver import Ring, RingConfig
 
 __all__ = ["Ring", "RingConfig"]

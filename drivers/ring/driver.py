@@ -12,16 +12,16 @@ from typing import Final
 
 from pydantic import Field, field_validator
 
-from drivers.debounce import Debounced
-from drivers.devicetime import DeviceTime
-from drivers.evdev import EventSource, discover, open_source
-from drivers.evdev.records import EV_KEY
-from drivers.evdev.source import NODES
-from drivers.ring.serial_ring import ASK, BAUDRATE, Parser
-from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Signal
+from srl.drivers.debounce import Debounced
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.evdev import EventSource, discover, open_source
+from srl.drivers.evdev.records import EV_KEY
+from srl.drivers.evdev.source import NODES
+from srl.drivers.ring.serial_ring import ASK, BAUDRATE, Parser
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Signal
 
 KEYS: Final = (115, 28)  # KEY_VOLUMEUP, KEY_ENTER: the keys that shutter remotes send
 LOOK: Final = 1_000_000_000  # ns between searches for a ring that sleeps

@@ -1,5 +1,5 @@
 """qbrobotics / NMMI SoftHand: one motor, one synergy, on RS485."""
 
-from drivers.softhand.driver import SoftHand
+from srl.drivers.softhand.driver import SoftHand
 
 __all__ = ["SoftHand"]

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from drivers.softhand.protocol import BAUDRATE, Limits
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.per_element import PerElement
+from srl.drivers.softhand.protocol import BAUDRATE, Limits
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.per_element import PerElement
 
 USUAL = Limits(0, 19000)  # ticks, used if the hand doesn't report its range
 

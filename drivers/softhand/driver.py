@@ -15,15 +15,15 @@ from typing import Final
 
 import numpy as np
 
-from drivers.softhand import protocol
-from drivers.softhand.config import USUAL, SoftHandConfig
-from drivers.softhand.motor import Motor
-from drivers.softhand.opening import ANSWER, REMEDY, Opening, is_echo
-from drivers.softhand.protocol import Cmd, Frame, Parser
-from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
+from srl.drivers.softhand import protocol
+from srl.drivers.softhand.config import USUAL, SoftHandConfig
+from srl.drivers.softhand.motor import Motor
+from srl.drivers.softhand.opening import ANSWER, REMEDY, Opening, is_echo
+from srl.drivers.softhand.protocol import Cmd, Frame, Parser
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 COMMAND: Final = "position_command"
 PERIOD: Final = 0.05  # s: a command waits for the answer to the one before, over USB with a latency timer of 16 ms

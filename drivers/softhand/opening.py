@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from drivers.softhand import protocol
-from drivers.softhand.config import USUAL, SoftHandConfig
-from drivers.softhand.protocol import Cmd, Frame, Limits, Parser
-from drivers.transport import Transport
-from runtime.contracts.errors import DeviceError
+from srl.drivers.softhand import protocol
+from srl.drivers.softhand.config import USUAL, SoftHandConfig
+from srl.drivers.softhand.protocol import Cmd, Frame, Limits, Parser
+from srl.drivers.transport import Transport
+from srl.runtime.contracts.errors import DeviceError
 
 TRIES: Final = 3
 ANSWER: Final = 0.2  # s, the timeout of the public API itself

@@ -15,12 +15,12 @@ refuses. Only an answer in the device's own protocol shows this sooner.
 
 from __future__ import annotations
 
-from drivers.transport.base import Transport
-from drivers.transport.listening import await_caller
-from drivers.transport.serial_port import open_serial
-from drivers.transport.spy import Spy
-from drivers.transport.stream import connected, open_loop, open_tcp
-from runtime.contracts.errors import DeviceError
+from srl.drivers.transport.base import Transport
+from srl.drivers.transport.listening import await_caller
+from srl.drivers.transport.serial_port import open_serial
+from srl.drivers.transport.spy import Spy
+from srl.drivers.transport.stream import connected, open_loop, open_tcp
+from srl.runtime.contracts.errors import DeviceError
 
 __all__ = ["Transport", "open_transport"]
 

@@ -1,4 +1,4 @@
-"""The interface of a byte link: what `drivers.transport` opens, whatever the medium."""
+"""The interface of a byte link: what `srl.drivers.transport` opens, whatever the medium."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import time
 from abc import ABC, abstractmethod
 from typing import NoReturn
 
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 CHUNK = 65536
 FEW = 4096  # bytes of the first read, and mostly the only one: room for CHUNK costs more than the read itself

@@ -8,7 +8,7 @@ import socket
 import time
 from urllib.parse import urlsplit
 
-from runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.errors import DeviceError
 
 AWAIT = 10.0  # s that `open` waits for the device; such devices try again every few seconds
 

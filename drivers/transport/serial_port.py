@@ -9,8 +9,8 @@ import termios
 
 import serial
 
-from drivers.transport.base import Transport, ioctl_int
-from runtime.contracts.errors import DeviceError
+from srl.drivers.transport.base import Transport, ioctl_int
+from srl.runtime.contracts.errors import DeviceError
 
 
 class SerialPort(Transport):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from drivers.transport.base import Transport
-from runtime.contracts.errors import DeviceError
+from srl.drivers.transport.base import Transport
+from srl.runtime.contracts.errors import DeviceError
 
 
 class Spy(Transport):

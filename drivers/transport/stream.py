@@ -7,8 +7,8 @@ import struct
 import termios
 from urllib.parse import urlsplit
 
-from drivers.transport.base import Transport, ioctl_int
-from runtime.contracts.errors import DeviceError
+from srl.drivers.transport.base import Transport, ioctl_int
+from srl.runtime.contracts.errors import DeviceError
 
 TCP_DEAD = 2.0  # s without an acknowledgement after which a TCP link counts as lost
 CONNECT = 3.0  # s

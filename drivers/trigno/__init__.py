@@ -1,5 +1,5 @@
 """Delsys Trigno wireless surface EMG."""
 
-from drivers.trigno.driver import Trigno, TrignoConfig
+from srl.drivers.trigno.driver import Trigno, TrignoConfig
 
 __all__ = ["Trigno", "TrignoConfig"]

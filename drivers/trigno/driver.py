@@ -9,13 +9,13 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from pydantic import Field, field_validator
 
-from drivers.streamtime import Lateness, StreamTime
-from drivers.transport import Transport, open_transport
-from drivers.trigno.envelope import Envelope
-from drivers.trigno.protocol import COMMAND_PORT, EMG_OFFSET, RATE, SLOTS, Answers, Samples, command, refused
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Signal
+from srl.drivers.streamtime import Lateness, StreamTime
+from srl.drivers.transport import Transport, open_transport
+from srl.drivers.trigno.envelope import Envelope
+from srl.drivers.trigno.protocol import COMMAND_PORT, EMG_OFFSET, RATE, SLOTS, Answers, Samples, command, refused
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Array, Signal
 
 ANSWER: Final = 3.0  # s for an answer
 FIRST: Final = 3.0  # s for the first sample after START (§2: data begin within about 2 s)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 COMMAND_PORT: Final = 50040
 EMG_OFFSET: Final = 3  # the EMG port of new and classic sensors is 50043

@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
-from drivers.ur.config import Address, UrConfig
-from drivers.ur.dashboard import Dashboard, understood, value, version
-from drivers.ur.dial import Dial
-from drivers.ur.models import same
-from drivers.ur.status import RobotMode
-from drivers.ur.steps import Clock, Steps, pause, until
-from runtime.contracts.errors import DeviceError
+from srl.drivers.ur.config import Address, UrConfig
+from srl.drivers.ur.dashboard import Dashboard, understood, value, version
+from srl.drivers.ur.dial import Dial
+from srl.drivers.ur.models import same
+from srl.drivers.ur.status import RobotMode
+from srl.drivers.ur.steps import Clock, Steps, pause, until
+from srl.runtime.contracts.errors import DeviceError
 
 REMOTE: Final = (5, 6, 0)  # from this version on the dashboard tells remote from local control
 POWERING: Final = 40.0  # s for the joints to power up, and again for the brakes

@@ -8,9 +8,9 @@ from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.contracts.terms import POINT
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.contracts.terms import POINT
 
 RTDE: Final = 30004
 DASHBOARD: Final = 29999

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from drivers.ur.dial import Dial
-from drivers.ur.steps import Clock, Steps, until
-from runtime.contracts.errors import DeviceError
+from srl.drivers.ur.dial import Dial
+from srl.drivers.ur.steps import Clock, Steps, until
+from srl.runtime.contracts.errors import DeviceError
 
 GREETING: Final = "Connected: Universal Robots Dashboard Server"
 UNKNOWN: Final = "could not understand"

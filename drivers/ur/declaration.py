@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.ur.config import UrConfig
-from drivers.ur.models import JOINTS, REACH, fastest
-from drivers.ur.registers import ScriptState
-from drivers.ur.sample import Words
-from drivers.ur.status import RobotMode, RuntimeState, name_of, safety_words
-from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
-from runtime.contracts.terms import POSE, WRENCH
+from srl.drivers.ur.config import UrConfig
+from srl.drivers.ur.models import JOINTS, REACH, fastest
+from srl.drivers.ur.registers import ScriptState
+from srl.drivers.ur.sample import Words
+from srl.drivers.ur.status import RobotMode, RuntimeState, name_of, safety_words
+from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
+from srl.runtime.contracts.terms import POSE, WRENCH
 
 NEAR = 0.2  # rad, by which a joint may be measured beyond its end
 FASTEST = 15.0  # rad/s, of any joint of any model: 4 is the most that one is commanded to

@@ -7,7 +7,7 @@ import os
 import socket
 from typing import Final
 
-from runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.errors import DeviceError
 
 _CHUNK: Final = 65536
 _BUSY: Final = (errno.EINPROGRESS, errno.EALREADY)

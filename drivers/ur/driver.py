@@ -12,24 +12,24 @@ import time
 from math import isfinite
 from typing import Final, TypeVar
 
-from drivers.devicetime import DeviceTime
-from drivers.transport import Transport, open_transport
-from drivers.ur import registers, rtde, sample
-from drivers.ur.bring_up import PROTECTIVE, Controller, Identity, resolve
-from drivers.ur.config import UrConfig, address
-from drivers.ur.declaration import FORCE, commands, limits, measured, remark, states
-from drivers.ur.declaration import fault as fault_of
-from drivers.ur.handshake import Handshake
-from drivers.ur.numbering import REST, Numbering
-from drivers.ur.registers import CYCLE, Mode, ScriptState
-from drivers.ur.rtde import Kind, Parser
-from drivers.ur.sample import Sample, Words
-from drivers.ur.script import program
-from drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, safety_words
-from drivers.ur.steps import Steps, pause, until
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.transport import Transport, open_transport
+from srl.drivers.ur import registers, rtde, sample
+from srl.drivers.ur.bring_up import PROTECTIVE, Controller, Identity, resolve
+from srl.drivers.ur.config import UrConfig, address
+from srl.drivers.ur.declaration import FORCE, commands, limits, measured, remark, states
+from srl.drivers.ur.declaration import fault as fault_of
+from srl.drivers.ur.handshake import Handshake
+from srl.drivers.ur.numbering import REST, Numbering
+from srl.drivers.ur.registers import CYCLE, Mode, ScriptState
+from srl.drivers.ur.rtde import Kind, Parser
+from srl.drivers.ur.sample import Sample, Words
+from srl.drivers.ur.script import program
+from srl.drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, safety_words
+from srl.drivers.ur.steps import Steps, pause, until
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 RATE: Final = 500.0  # Hz
 UNANSWERED: Final = 2  # commands on their way: the one that the program is answering, and one behind it

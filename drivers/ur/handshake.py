@@ -7,11 +7,11 @@ import time
 from collections.abc import Sequence
 from typing import Final
 
-from drivers.transport import Transport
-from drivers.ur import rtde
-from drivers.ur.recipe import IN_USE, NOT_FOUND, Recipe
-from drivers.ur.rtde import Kind, Message, Parser
-from runtime.contracts.errors import DeviceError
+from srl.drivers.transport import Transport
+from srl.drivers.ur import rtde
+from srl.drivers.ur.recipe import IN_USE, NOT_FOUND, Recipe
+from srl.drivers.ur.rtde import Kind, Message, Parser
+from srl.runtime.contracts.errors import DeviceError
 
 ANSWER: Final = 3.0  # s
 MEASURED: Final = (5, 23)  # version from which the controller sends measured torques

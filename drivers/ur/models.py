@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 JOINTS: Final = (
     "shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3",

@@ -9,8 +9,8 @@ from __future__ import annotations
 import secrets
 from typing import Final
 
-from drivers.ur import registers
-from drivers.ur.registers import Mode
+from srl.drivers.ur import registers
+from srl.drivers.ur.registers import Mode
 
 REST: Final = (0.0,) * 6  # the values of commands that have none
 

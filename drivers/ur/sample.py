@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drivers.ur.registers import OUTPUTS
-from runtime.contracts import rotation
-from runtime.contracts.compiled import Step, bind_or_python, undone
-from runtime.contracts.signals import Array
+from srl.drivers.ur.registers import OUTPUTS
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.compiled import Step, bind_or_python, undone
+from srl.runtime.contracts.signals import Array
 
 _EFFORT: Final = {"target": "target_moment", "measured": "actual_current_as_torque"}
 _WORDS: Final = struct.Struct(">iIIIiiiQ")

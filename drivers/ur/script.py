@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.ur.config import UrConfig
-from drivers.ur.registers import CYCLE, MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
+from srl.drivers.ur.config import UrConfig
+from srl.drivers.ur.registers import CYCLE, MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
 
 NAME: Final = "srl_control"
 WATCHDOG: Final = 4.0  # Hz, lowest rate of inputs while the arm follows

@@ -1,5 +1,5 @@
 """Vicon motion capture: the DataStream server's TCP stream and Tracker's UDP object stream."""
 
-from drivers.vicon.driver import Vicon
+from srl.drivers.vicon.driver import Vicon
 
 __all__ = ["Vicon"]

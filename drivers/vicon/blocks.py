@@ -10,7 +10,7 @@ import struct
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from drivers.capture.names import Marker, Point, Segment, Subject
+from srl.drivers.capture.names import Marker, Point, Segment, Subject
 
 _U32: Final = struct.Struct("<I")
 _TWO: Final = struct.Struct("<II")

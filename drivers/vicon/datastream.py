@@ -8,17 +8,17 @@ from collections.abc import Iterable
 from fractions import Fraction
 from typing import Final
 
-from drivers.capture import axes
-from drivers.capture.names import Point, Subject
-from drivers.capture.reach import FARTHEST
-from drivers.capture.selection import Selection, refuse, select
-from drivers.transport import Transport, open_transport
-from drivers.vicon import blocks, geometry, protocol
-from drivers.vicon.blocks import MalformedError
-from drivers.vicon.config import ViconConfig
-from drivers.vicon.protocol import Block, Packet
-from drivers.vicon.source import Frame
-from runtime.contracts.errors import DeviceError
+from srl.drivers.capture import axes
+from srl.drivers.capture.names import Point, Subject
+from srl.drivers.capture.reach import FARTHEST
+from srl.drivers.capture.selection import Selection, refuse, select
+from srl.drivers.transport import Transport, open_transport
+from srl.drivers.vicon import blocks, geometry, protocol
+from srl.drivers.vicon.blocks import MalformedError
+from srl.drivers.vicon.config import ViconConfig
+from srl.drivers.vicon.protocol import Block, Packet
+from srl.drivers.vicon.source import Frame
+from srl.runtime.contracts.errors import DeviceError
 
 GREETING: Final = 2.0  # s for the server's first packet
 FRAMES: Final = 3.0  # s for a frame that contains everything wanted

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Final
 
-from drivers.capture.view import GIVES, View, signals
-from drivers.devicetime import DeviceTime
-from drivers.pause import Pause
-from drivers.vicon.config import ViconConfig
-from drivers.vicon.datastream import DataStream
-from drivers.vicon.object_stream import ObjectStream
-from drivers.vicon.source import Frame, Source
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array
+from srl.drivers.capture.view import GIVES, View, signals
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.pause import Pause
+from srl.drivers.vicon.config import ViconConfig
+from srl.drivers.vicon.datastream import DataStream
+from srl.drivers.vicon.object_stream import ObjectStream
+from srl.drivers.vicon.source import Frame, Source
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Array
 
 _BITS: Final = 32  # of the frame number
 _GAP: Final = 10_000  # frames; after a longer gap the count has begun anew

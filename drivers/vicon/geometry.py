@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Final
 
-from runtime.contracts import rotation
-from runtime.contracts.rotation import Quaternion
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.rotation import Quaternion
 
 _CLOSE: Final = 1e-2  # tolerance for a rotation matrix; float32 or rounded text stays within it
 

@@ -7,16 +7,16 @@ from fractions import Fraction
 from math import isfinite
 from typing import Final
 
-from drivers.capture.names import Segment, Subject
-from drivers.capture.reach import FARTHEST
-from drivers.capture.selection import refuse, select
-from drivers.datagram import Datagrams, open_datagrams
-from drivers.vicon import geometry, objects
-from drivers.vicon.blocks import MalformedError
-from drivers.vicon.config import ViconConfig
-from drivers.vicon.objects import ObjectFrame
-from drivers.vicon.source import Frame
-from runtime.contracts.errors import DeviceError
+from srl.drivers.capture.names import Segment, Subject
+from srl.drivers.capture.reach import FARTHEST
+from srl.drivers.capture.selection import refuse, select
+from srl.drivers.datagram import Datagrams, open_datagrams
+from srl.drivers.vicon import geometry, objects
+from srl.drivers.vicon.blocks import MalformedError
+from srl.drivers.vicon.config import ViconConfig
+from srl.drivers.vicon.objects import ObjectFrame
+from srl.drivers.vicon.source import Frame
+from srl.runtime.contracts.errors import DeviceError
 
 LISTEN: Final = 2.0  # s to wait until everything wanted has been seen
 SPAN: Final = 0.5  # s over which the frame rate is measured

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from drivers.vicon.blocks import MalformedError
+from srl.drivers.vicon.blocks import MalformedError
 
 SIZES: Final = (256, 512, 1024)
 """Bytes of a datagram, padded."""

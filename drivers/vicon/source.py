@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Protocol
 
-from drivers.capture.names import Point
-from runtime.contracts.rotation import Quaternion
+from srl.drivers.capture.names import Point
+from srl.runtime.contracts.rotation import Quaternion
 
 
 @dataclass(slots=True)

@@ -1,5 +1,5 @@
 """Xsens MTi inertial sensors on a serial line: orientation, acceleration, rate of turn (Xbus, MTData2)."""
 
-from drivers.xsens_mti.driver import XsensMti, XsensMtiConfig
+from srl.drivers.xsens_mti.driver import XsensMti, XsensMtiConfig
 
 __all__ = ["XsensMti", "XsensMtiConfig"]

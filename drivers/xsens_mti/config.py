@@ -7,10 +7,10 @@ from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.serial_imu import SerialImuConfig
-from drivers.xsens_mti import data
-from drivers.xsens_mti.protocol import EVERY
-from runtime.contracts.errors import OptionError
+from srl.drivers.serial_imu import SerialImuConfig
+from srl.drivers.xsens_mti import data
+from srl.drivers.xsens_mti.protocol import EVERY
+from srl.runtime.contracts.errors import OptionError
 
 Baudrate = Literal[9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 2000000]
 MESSAGE: Final = 73  # bytes of a message with all items

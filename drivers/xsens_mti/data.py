@@ -12,7 +12,7 @@ from math import sqrt
 from struct import Struct
 from typing import Final
 
-from runtime.contracts.rotation import Quaternion, Vector, product
+from srl.runtime.contracts.rotation import Quaternion, Vector, product
 
 COUNTER, FINE, QUATERNION, ACCELERATION, TURN, STATUS = 0x1020, 0x1060, 0x2010, 0x4020, 0x8020, 0xE020
 TICK: Final = 100_000  # ns of the sample time

@@ -5,19 +5,19 @@ from __future__ import annotations
 from math import degrees, isfinite
 from typing import Final
 
-from drivers.devicetime import DeviceTime
-from drivers.gravity_check import GravityCheck
-from drivers.serial_imu import SerialImu
-from drivers.streamtime import Lateness
-from drivers.transport import open_transport
-from drivers.xsens_mti.config import XsensMtiConfig
-from drivers.xsens_mti.data import CLIPPED, FILTER_VALID, TICK, TICK_BITS, Sample, decode
-from drivers.xsens_mti.opening import Session, begin, identify
-from drivers.xsens_mti.protocol import Id, Message, Parser, encode
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.rotation import normalised
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POINT, QUATERNION
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.gravity_check import GravityCheck
+from srl.drivers.serial_imu import SerialImu
+from srl.drivers.streamtime import Lateness
+from srl.drivers.transport import open_transport
+from srl.drivers.xsens_mti.config import XsensMtiConfig
+from srl.drivers.xsens_mti.data import CLIPPED, FILTER_VALID, TICK, TICK_BITS, Sample, decode
+from srl.drivers.xsens_mti.opening import Session, begin, identify
+from srl.drivers.xsens_mti.protocol import Id, Message, Parser, encode
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.rotation import normalised
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
 
 _WRAP: Final = 1 << 16  # of the packet counter
 _OFF: Final = 0.1  # by which a quaternion's length may be off 1

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from drivers.transport import Transport
-from drivers.xsens_mti import data
-from drivers.xsens_mti.config import XsensMtiConfig
-from drivers.xsens_mti.protocol import ERRORS, EVERY, Id, Message, Parser, configuration, configure, encode
-from runtime.contracts.errors import DeviceError
+from srl.drivers.transport import Transport
+from srl.drivers.xsens_mti import data
+from srl.drivers.xsens_mti.config import XsensMtiConfig
+from srl.drivers.xsens_mti.protocol import ERRORS, EVERY, Id, Message, Parser, configuration, configure, encode
+from srl.runtime.contracts.errors import DeviceError
 
 ASK: Final = 0.1  # s between two equal questions
 PATIENCE: Final = 1.5  # s for an answer: after power-on it takes its time

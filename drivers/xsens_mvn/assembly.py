@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from drivers.xsens_mvn.protocol import Datagram
+from srl.drivers.xsens_mvn.protocol import Datagram
 
 MOST = 8  # samples of a type that are waited for at a time; a datagram is rarely late by more
 

@@ -7,12 +7,12 @@ from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.capture.config import CaptureConfig
-from drivers.capture.view import signals as seen
-from drivers.xsens_mvn.protocol import JOINT_ENDS, SEGMENTS
-from runtime.contracts.errors import nearest
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POINT
+from srl.drivers.capture.config import CaptureConfig
+from srl.drivers.capture.view import signals as seen
+from srl.drivers.xsens_mvn.protocol import JOINT_ENDS, SEGMENTS
+from srl.runtime.contracts.errors import nearest
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POINT
 
 _WORD: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 

@@ -11,23 +11,23 @@ from typing import Final
 
 import numpy as np
 
-from drivers.capture.axes import z_up_point
-from drivers.capture.names import Point
-from drivers.capture.order import Order
-from drivers.capture.upright import Upright
-from drivers.capture.view import View
-from drivers.datagram import Datagrams, open_datagrams
-from drivers.devicetime import DeviceTime
-from drivers.pause import Pause
-from drivers.xsens_mvn import protocol
-from drivers.xsens_mvn.assembly import Assembly, Sample
-from drivers.xsens_mvn.config import MvnConfig, signals
-from drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, SEGMENTS, MalformedError, Pose
-from drivers.xsens_mvn.sources import Sources
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.rotation import Quaternion, normalised
-from runtime.contracts.signals import Array
+from srl.drivers.capture.axes import z_up_point
+from srl.drivers.capture.names import Point
+from srl.drivers.capture.order import Order
+from srl.drivers.capture.upright import Upright
+from srl.drivers.capture.view import View
+from srl.drivers.datagram import Datagrams, open_datagrams
+from srl.drivers.devicetime import DeviceTime
+from srl.drivers.pause import Pause
+from srl.drivers.xsens_mvn import protocol
+from srl.drivers.xsens_mvn.assembly import Assembly, Sample
+from srl.drivers.xsens_mvn.config import MvnConfig, signals
+from srl.drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, SEGMENTS, MalformedError, Pose
+from srl.drivers.xsens_mvn.sources import Sources
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.rotation import Quaternion, normalised
+from srl.runtime.contracts.signals import Array
 
 FIRST: Final = 2.0  # s for the first sample of everything wanted
 OTHERS: Final = 0.1  # s in which another one that sends the same character would be heard, too

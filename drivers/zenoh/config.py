@@ -7,11 +7,11 @@ import re
 
 from pydantic import ConfigDict, Field, field_validator
 
-from drivers.zenoh.values import TERMS, TYPES
-from drivers.zenoh_link import PeerConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import nearest
-from runtime.contracts.signals import Signal
+from srl.drivers.zenoh.values import TERMS, TYPES
+from srl.drivers.zenoh_link import PeerConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import nearest
+from srl.runtime.contracts.signals import Signal
 
 _KEY = re.compile(r"^[A-Za-z0-9_%:-]+(/[A-Za-z0-9_%:-]+)*$")
 _NAME = re.compile(r"^[a-z][a-z0-9_]*$")

@@ -11,13 +11,13 @@ import json
 import time
 from typing import Any
 
-from drivers.zenoh.config import SignalEntry, ZenohConfig
-from drivers.zenoh.values import TERMS, TYPES, Values, type_of
-from drivers.zenoh_link import Link, wire
-from drivers.zenoh_link.stamps import SourceTime
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError, RequestError, nearest
-from runtime.contracts.signals import Array, Signal
+from srl.drivers.zenoh.config import SignalEntry, ZenohConfig
+from srl.drivers.zenoh.values import TERMS, TYPES, Values, type_of
+from srl.drivers.zenoh_link import Link, wire
+from srl.drivers.zenoh_link.stamps import SourceTime
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, RequestError, nearest
+from srl.runtime.contracts.signals import Array, Signal
 
 FIRST = 4.0  # s that two samples of each signal may take
 _KEY = "Correct the key or the signal's lines in the profile"

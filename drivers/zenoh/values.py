@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.contracts import terms
-from runtime.contracts.errors import RequestError, nearest
-from runtime.contracts.signals import Array
-from runtime.messages import cdr, messages
+from srl.runtime.contracts import terms
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.messages import cdr, messages
 
 POINT = "geometry_msgs/msg/PointStamped"
 TWIST = "geometry_msgs/msg/Twist"

@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import Field, model_validator
 
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.tls import TlsConfig
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.tls import TlsConfig
 
 _NETWORK = re.compile(r"^(?P<protocol>tcp|tls)(?:/|://)(?P<host>\[[0-9a-fA-F:]+\]|[^:/\[\]?#]+):(?P<port>\d{1,5})$")
 _SOCKET = "unixsock-stream/"

@@ -8,10 +8,10 @@ import time
 from dataclasses import dataclass
 from typing import NoReturn
 
-from drivers.helper_process import HelperProcess, ProcessEndedError
-from drivers.zenoh_link import wire
-from drivers.zenoh_link.config import PeerConfig
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.helper_process import HelperProcess, ProcessEndedError
+from srl.drivers.zenoh_link import wire
+from srl.drivers.zenoh_link.config import PeerConfig
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 MOST = 256  # messages taken in one read
 START = 10.0  # s that the process may take to start, besides the connection itself
@@ -45,7 +45,7 @@ class Link:
 
     def __init__(self, place: str) -> None:
         self.place = place
-        self._helper = HelperProcess(place, "drivers.zenoh_link", "zenoh process")
+        self._helper = HelperProcess(place, "srl.drivers.zenoh_link", "zenoh process")
         self._session = 0
         self._open = False
         self._where = ""

@@ -1,4 +1,4 @@
-"""The process that holds zenoh for one driver: `python -m drivers.zenoh_link DESCRIPTOR`.
+"""The process that holds zenoh for one driver: `python -m srl.drivers.zenoh_link DESCRIPTOR`.
 
 One thread listens to the driver; zenoh's own threads pass samples on. A sample that can't be passed on at once is
 dropped: nothing waits here, and nothing old is kept.
@@ -26,9 +26,9 @@ from typing import Any
 
 import zenoh
 
-from drivers.zenoh_link import wire
-from drivers.zenoh_link.config import session_config
-from runtime.messages import attachment
+from srl.drivers.zenoh_link import wire
+from srl.drivers.zenoh_link.config import session_config
+from srl.runtime.messages import attachment
 
 STOPS = 20  # number of times the stop is published
 STOP_PERIOD = 50_000_000  # ns between them
@@ -277,7 +277,7 @@ class Process:
         for outlet in self._outlets:
             outlet.halt(now)
         self._shut()
-        words = [sys.executable, "-m", "drivers.zenoh_link", str(self._end.fileno())]
+        words = [sys.executable, "-m", "srl.drivers.zenoh_link", str(self._end.fileno())]
         os.set_inheritable(self._end.fileno(), True)
         os.execv(words[0], [*words, again.hex()] if again else words)
 
@@ -289,7 +289,7 @@ class Process:
 def main(arguments: list[str]) -> int:
     """Runs the process. Returns the exit code."""
     if not 1 <= len(arguments) <= 2 or not arguments[0].isdigit():
-        print("usage: python -m drivers.zenoh_link DESCRIPTOR", file=sys.stderr)
+        print("usage: python -m srl.drivers.zenoh_link DESCRIPTOR", file=sys.stderr)
         return 2
     end = socket.socket(fileno=int(arguments[0]))
     os.set_inheritable(end.fileno(), False)

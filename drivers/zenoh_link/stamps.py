@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.devicetime import DeviceTime
+from srl.drivers.devicetime import DeviceTime
 
 
 class SourceTime:

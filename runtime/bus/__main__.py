@@ -1,11 +1,11 @@
-"""`python -m runtime.bus RUN_FOLDER`."""
+"""`python -m srl.runtime.bus RUN_FOLDER`."""
 
 import sys
 
-from runtime.ipc.child import Ending
+from srl.runtime.ipc.child import Ending
 
 ending = Ending()  # before the imports that take long
 
-from runtime.bus.process import main  # noqa: E402
+from srl.runtime.bus.process import main  # noqa: E402
 
 sys.exit(main(sys.argv[1:], ending))

@@ -13,7 +13,7 @@ from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-from runtime.contracts.tls import TlsConfig
+from srl.runtime.contracts.tls import TlsConfig
 
 SOON = datetime.timedelta(days=14)
 _OTHERS = stat.S_IRWXG & ~stat.S_IRGRP | stat.S_IRWXO  # the service's group may read the key

@@ -1,6 +1,6 @@
 """A small client of a running instance, for `srl top`, tests and users' scripts.
 
-from runtime.bus.client import connect
+from srl.runtime.bus.client import connect
 with connect("sixth-finger") as srl:
     print(srl.status()["state"])
     for update in srl.states("glove/**", timeout=1.0): ...
@@ -21,14 +21,14 @@ from typing import Any, Self
 import numpy as np
 import zenoh
 
-from runtime.bus import session
-from runtime.bus.status import parse
-from runtime.contracts.errors import RequestError, nearest
-from runtime.contracts.signals import Array
-from runtime.contracts.tls import TlsConfig
-from runtime.ipc.run_folder import RunFolder, running
-from runtime.messages import cdr, messages
-from runtime.profile.keys import COMMANDS, ROLES, Keys
+from srl.runtime.bus import session
+from srl.runtime.bus.status import parse
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.tls import TlsConfig
+from srl.runtime.ipc.run_folder import RunFolder, running
+from srl.runtime.messages import cdr, messages
+from srl.runtime.profile.keys import COMMANDS, ROLES, Keys
 
 _ENDPOINT = re.compile(r"^(tcp|tls|unixsock-stream)/")
 KEPT = 1024  # samples kept for a slow reader; the oldest are dropped first
@@ -133,7 +133,7 @@ class Client:
     # Reading
 
     def status(self, timeout: float | None = None) -> dict[str, Any]:
-        """Waits for the next status and returns it as from `runtime.bus.status.parse`. Raises RequestError."""
+        """Waits for the next status and returns it as from `srl.runtime.bus.status.parse`. Raises RequestError."""
         for sample in self._samples(self.keys.status, timeout or self._timeout):
             return parse(cdr.decode(messages.DIAGNOSTICS, sample.payload.to_bytes()))
         raise RequestError(self.keys.status, "no status came", "Is the service running?")

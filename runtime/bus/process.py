@@ -18,23 +18,23 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from runtime.bus import session
-from runtime.bus.arrivals import Arrivals
-from runtime.bus.requests import Requests, reply
-from runtime.bus.status import Reporter
-from runtime.contracts.errors import SrlError
-from runtime.contracts.field import Field
-from runtime.ipc.child import Ending
-from runtime.ipc.descriptors import raise_limit
-from runtime.ipc.events import EventReader
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import RequestWriter
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, DEVICE, FLAG_DEGRADED
-from runtime.messages import attachment, cdr, messages
-from runtime.profile.bus import BusConfig
-from runtime.profile.keys import Keys, check
+from srl.runtime.bus import session
+from srl.runtime.bus.arrivals import Arrivals
+from srl.runtime.bus.requests import Requests, reply
+from srl.runtime.bus.status import Reporter
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.field import Field
+from srl.runtime.ipc.child import Ending
+from srl.runtime.ipc.descriptors import raise_limit
+from srl.runtime.ipc.events import EventReader
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import RequestWriter
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, DEVICE, FLAG_DEGRADED
+from srl.runtime.messages import attachment, cdr, messages
+from srl.runtime.profile.bus import BusConfig
+from srl.runtime.profile.keys import Keys, check
 
 PUBLISHED = ("state", "command", "applied", "sent", "internal", "truth")  # roles
 STATUS_PERIOD = 200_000_000  # ns
@@ -271,7 +271,7 @@ def _matches(publisher: zenoh.Publisher) -> bool:
 
 
 def main(arguments: list[str], ending: Ending) -> int:
-    """Entry point of `python -m runtime.bus RUNDIR`, which the supervisor starts. Returns the exit code.
+    """Entry point of `python -m srl.runtime.bus RUNDIR`, which the supervisor starts. Returns the exit code.
 
     `ending` was made before this module's imports.
     """
@@ -279,7 +279,7 @@ def main(arguments: list[str], ending: Ending) -> int:
         print("bus: the supervisor that started it has ended, so it doesn't begin", file=sys.stderr)
         return 1
     if len(arguments) != 1:
-        print("usage: python -m runtime.bus RUNDIR", file=sys.stderr)
+        print("usage: python -m srl.runtime.bus RUNDIR", file=sys.stderr)
         return 2
     raise_limit()  # clients that only connect take one each
     try:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.bus.status import CAUSES
-from runtime.contracts.errors import RequestError
-from runtime.ipc import latches
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import CYCLE, Cause, Origin, State
-from runtime.profile.keys import Keys
+from srl.runtime.bus.status import CAUSES
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import Answer, RequestKind
+from srl.runtime.ipc.words import CYCLE, Cause, Origin, State
+from srl.runtime.profile.keys import Keys
 
 OVERTAKEN = "a stop came after it", "Ask again"
 

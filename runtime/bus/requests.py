@@ -21,17 +21,17 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from runtime.bus import refusals
-from runtime.bus.arrivals import Arrivals
-from runtime.bus.status import Counts
-from runtime.contracts.errors import RequestError, nearest
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import Answer, RequestKind, RequestWriter, permitted
-from runtime.ipc.words import CLIENTS, CYCLE, DEVICE, Origin, State
-from runtime.messages import messages
-from runtime.profile.keys import COMMANDS, ROLES, Keys
+from srl.runtime.bus import refusals
+from srl.runtime.bus.arrivals import Arrivals
+from srl.runtime.bus.status import Counts
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter, permitted
+from srl.runtime.ipc.words import CLIENTS, CYCLE, DEVICE, Origin, State
+from srl.runtime.messages import messages
+from srl.runtime.profile.keys import COMMANDS, ROLES, Keys
 
 PATIENCE = 1_000_000_000  # ns after which a request that the loop has not taken is given up
 UNDERWAY = 4  # requests in the ring at a time, stops not counted: the loop takes one a cycle

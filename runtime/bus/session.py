@@ -12,10 +12,10 @@ from typing import Any
 
 import zenoh
 
-from runtime.contracts.errors import HostError, RequestError
-from runtime.contracts.tls import TlsConfig
-from runtime.profile.bus import BusConfig
-from runtime.profile.keys import ROLES, Keys
+from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.contracts.tls import TlsConfig
+from srl.runtime.profile.bus import BusConfig
+from srl.runtime.profile.keys import ROLES, Keys
 
 LONGEST_PATH = 107  # bytes of a Unix socket's path, Linux
 LONGEST_MESSAGE = 1 << 17  # bytes of what a client sends: zenoh would take 1 GiB into this process's memory

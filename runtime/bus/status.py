@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.ipc import latches
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import (
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import (
     CYCLE,
     DEVICE,
     FLAG_DEGRADED,
@@ -25,8 +25,8 @@ from runtime.ipc.words import (
     Cause,
     State,
 )
-from runtime.messages import cdr
-from runtime.messages.messages import time_of
+from srl.runtime.messages import cdr
+from srl.runtime.messages.messages import time_of
 
 OK, WARN, ERROR, STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
 WINDOW = 1_000_000_000  # ns

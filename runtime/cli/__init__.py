@@ -10,8 +10,8 @@ import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
 
-from runtime import __version__
-from runtime.contracts.errors import SrlError
+from srl.runtime import __version__
+from srl.runtime.contracts.errors import SrlError
 
 COMMANDS = {
     "list": "lists drivers, controllers and profiles",
@@ -61,7 +61,7 @@ def _main(arguments: Sequence[str] | None) -> int:
     completing = "_ARGCOMPLETE" in os.environ  # a shell asks what could come next (docs/deployment.md)
     _add_commands(subparsers, os.environ.get("COMP_LINE", "").split()[1:] if completing else given)
     if completing:
-        from runtime.cli import completion
+        from srl.runtime.cli import completion
 
         completion.answer(parser)
     args = parser.parse_args(arguments)
@@ -98,7 +98,7 @@ def _add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
         if name in subparsers.choices:
             continue  # by the module of another command
         if MODULES[name] == MODULES.get(asked):
-            importlib.import_module(f"runtime.cli.{MODULES[name]}").add_parser(subparsers)
+            importlib.import_module(f"srl.runtime.cli.{MODULES[name]}").add_parser(subparsers)
         else:
             subparsers.add_parser(name, help=text)
 

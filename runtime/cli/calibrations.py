@@ -7,8 +7,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from runtime.contracts.file_says import file_says
-from runtime.ipc.launch import ANONYMOUS
+from srl.runtime.contracts.file_says import file_says
+from srl.runtime.ipc.launch import ANONYMOUS
 
 WORN: Final = {"srl-emg-1": "the electrodes stay on the skin", "srl-suit-1": "the suit stays on"}
 """Until when a file of a format holds, where that is no longer than a session."""

@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from runtime.cli import add_command, calibrations
-from runtime.contracts import registry
-from runtime.contracts.errors import WiringError
-from runtime.guard import GUARDS
-from runtime.profile import beginning, profile, shelf, wiring
-from runtime.profile.connections import connections, transforms, untaken
-from runtime.profile.graph import Graph
-from runtime.profile.option_tree import files, listed
+from srl.runtime.cli import add_command, calibrations
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.guard import GUARDS
+from srl.runtime.profile import beginning, profile, shelf, wiring
+from srl.runtime.profile.connections import connections, transforms, untaken
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.option_tree import files, listed
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(schema(), indent=1))
         return 0
     if args.profile is None:
-        from runtime.contracts.errors import ProfileError
+        from srl.runtime.contracts.errors import ProfileError
 
         raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(shelf.shipped())}")
     graph, guards = examine(args.profile, args.set, args.sim)
@@ -127,7 +127,7 @@ def check_guards(graph: Graph) -> dict[str, str]:
     The values that a device reads from its own hardware aren't known before it is open. A limit that only the
     device can give is checked at the start of a run.
     """
-    from runtime.loop.guards import limits_of
+    from srl.runtime.loop.guards import limits_of
 
     categories = {}
     for actuator in graph.actuators:

@@ -8,9 +8,9 @@ from typing import Any
 
 import argcomplete
 
-from runtime.contracts import registry
-from runtime.ipc.run_folder import running
-from runtime.profile import shelf
+from srl.runtime.contracts import registry
+from srl.runtime.ipc.run_folder import running
+from srl.runtime.profile import shelf
 
 
 def answer(parser: argparse.ArgumentParser) -> None:

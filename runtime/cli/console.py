@@ -13,8 +13,8 @@ import select
 import socket
 from typing import TextIO
 
-from runtime.cli.printable import printable
-from runtime.ipc.events import Level
+from srl.runtime.cli.printable import printable
+from srl.runtime.ipc.events import Level
 
 JOURNAL = "/run/systemd/journal/socket"
 _WORDS = {Level.INFO: "", Level.WARNING: "warning: ", Level.ERROR: "error: "}

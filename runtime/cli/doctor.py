@@ -11,14 +11,14 @@ from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
-from runtime.cli import add_command, calibrations
-from runtime.contracts.errors import RequestError, SrlError
-from runtime.ipc.ring import file_size
-from runtime.loop.process import rows_kept
-from runtime.profile import profile, wiring
-from runtime.service.fitness.finding import Finding
-from runtime.service.host import Wanted, examine, python
-from runtime.service.supervisor import state_dir
+from srl.runtime.cli import add_command, calibrations
+from srl.runtime.contracts.errors import RequestError, SrlError
+from srl.runtime.ipc.ring import file_size
+from srl.runtime.loop.process import rows_kept
+from srl.runtime.profile import profile, wiring
+from srl.runtime.service.fitness.finding import Finding
+from srl.runtime.service.host import Wanted, examine, python
+from srl.runtime.service.supervisor import state_dir
 
 _MARKS = {"good": "ok", "doubtful": "??", "bad": "!!"}
 
@@ -100,7 +100,7 @@ def _certificates(checked: profile.Profile) -> Iterator[Finding]:
     tls = checked.bus.tls if checked.bus is not None else None
     if tls is None:
         return
-    from runtime.bus.certificate_doubts import doubts
+    from srl.runtime.bus.certificate_doubts import doubts
 
     found = list(doubts(tls))
     for doubt in found:

@@ -8,12 +8,12 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.cli import add_command
-from runtime.cli.status import working
-from runtime.contracts.errors import ProfileError, RequestError
+from srl.runtime.cli import add_command
+from srl.runtime.cli.status import working
+from srl.runtime.contracts.errors import ProfileError, RequestError
 
 if TYPE_CHECKING:
-    from runtime.recording.reader import Recording
+    from srl.runtime.recording.reader import Recording
 
 STILLS = 10  # instants, unless they are given
 OUTPUTS = ("bvh", "stills", "film", "tree")
@@ -62,7 +62,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0."""
-    from runtime.export.formats import ENDINGS, FORMATS
+    from srl.runtime.export.formats import ENDINGS, FORMATS
 
     forms = (*FORMATS, *OUTPUTS)
     if all(getattr(args, form) is None for form in forms):
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int]:
     """Writes what is asked for; returns the figures, the lines about them, and the number of missing rows."""
-    from runtime.recording.reader import read
+    from srl.runtime.recording.reader import read
 
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
@@ -108,25 +108,25 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
         figures |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}
         said.append(f"{args.bvh}: {frames} frames of {law}, {1.0 / period:g} a second")
     if args.page is not None:
-        from runtime.recorder.bvh_page import draw_page
+        from srl.runtime.pictures.bvh_page import draw_page
 
         draw_page(recording, args.bvh, args.page, args.show or ())
         figures["page"] = str(args.page)
         said.append(f"{args.page}: the beginning of {args.bvh}")
     if args.tree is not None:
-        from runtime.recorder.node_tree import draw_tree
+        from srl.runtime.pictures.node_tree import draw_tree
 
         figures |= {"tree": str(args.tree), "nodes": (nodes := draw_tree(recording, args.tree, args.show or ()))}
         said.append(f"{args.tree}: {nodes} nodes")
     if args.stills is not None:
-        from runtime.recorder import stills
+        from srl.runtime.pictures import stills
 
         times = args.at if args.at is not None else stills.spread(recording, STILLS)
         stills.draw(recording, args.stills, times, args.names or (), args.show or (), args.side)
         figures |= {"stills": str(args.stills), "at": times}
         said.append(f"{args.stills}: {len(times)} instants")
     if args.film is not None:
-        from runtime.recorder import film
+        from srl.runtime.pictures import film
 
         rate = film.RATE if args.rate is None else float(_rate(args.rate))
         between = None if args.between is None else (args.between[0], args.between[1])
@@ -138,7 +138,7 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
 
 def _data(recording: Recording, args: argparse.Namespace, figures: dict[str, object]) -> list[str]:
     """Writes the files of data; returns what to say of them."""
-    from runtime.export import formats
+    from srl.runtime.export import formats
 
     said = []
     for form in formats.FORMATS:
@@ -157,7 +157,7 @@ def _bvh(recording: Recording, args: argparse.Namespace) -> tuple[int, str, floa
     """Writes the file; returns the number of frames, the law's name, and s between frames."""
     import numpy as np
 
-    from runtime.loop.law_inputs import LawInputs
+    from srl.runtime.loop.law_inputs import LawInputs
 
     given = LawInputs(recording.layout, str(args.recording))
     law = given.exporting("bvh", args.law)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from runtime.contracts.errors import RequestError, nearest
-from runtime.ipc.run_folder import RunFolder, base, running
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.ipc.run_folder import RunFolder, base, running
 
 
 def choose(name: str | None) -> RunFolder:

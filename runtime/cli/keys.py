@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from runtime.cli import add_command
-from runtime.contracts.errors import HostError, RequestError
-from runtime.profile.keys import ROLES
+from srl.runtime.cli import add_command
+from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.profile.keys import ROLES
 
 _DAYS = range(1, 3651)
 
@@ -27,7 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Makes the files and says where each belongs. Raises RequestError or HostError."""
-    from runtime.bus.certificates import AUTHORITY, authority, sign
+    from srl.runtime.bus.certificates import AUTHORITY, authority, sign
 
     if bool(args.host) == bool(args.role):
         raise RequestError("srl keys", "is it the service's or a client's?", "Give --host, or --role, one of them")

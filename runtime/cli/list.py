@@ -6,10 +6,10 @@ import argparse
 import json
 from typing import Any
 
-from runtime.cli import add_command
-from runtime.contracts import registry
-from runtime.contracts.errors import SrlError
-from runtime.profile import shelf
+from srl.runtime.cli import add_command
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.profile import shelf
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -69,7 +69,7 @@ def _profiles() -> list[dict[str, Any]]:
         try:
             summary = shelf.summary(name)
             if summary is None:
-                from runtime.profile import profile
+                from srl.runtime.profile import profile
 
                 summary = profile.load(name)[0].summary
         except SrlError as error:

@@ -6,8 +6,8 @@ import argparse
 import signal
 import time
 
-from runtime.cli import add_command
-from runtime.cli.instance import choose
+from srl.runtime.cli import add_command
+from srl.runtime.cli.instance import choose
 
 POLL = 0.005  # s between looks for new rows
 NEWS = 1.0  # s between looks for what to tell
@@ -34,8 +34,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Sends until Ctrl-C or SIGTERM, over restarts of the loop too."""
-    from runtime.contracts.reach import refuse_strangers
-    from runtime.export.lsl_outlet import Outlet, load
+    from srl.runtime.contracts.reach import refuse_strangers
+    from srl.runtime.export.lsl_outlet import Outlet, load
 
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.cli import add_command
-from runtime.cli.instance import choose
-from runtime.contracts.errors import HostError, RequestError
-from runtime.operator.client import OperatorPage
-from runtime.panel.client import PageProcess
-from runtime.panel.screen import Screen
-from runtime.panel.trial import ScreenTrial, Trial
+from srl.runtime.cli import add_command
+from srl.runtime.cli.instance import choose
+from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.web.operator.client import OperatorPage
+from srl.runtime.web.panel.client import PageProcess
+from srl.runtime.web.panel.screen import Screen
+from srl.runtime.web.panel.trial import ScreenTrial, Trial
 
 TRIALS = 3
 SECONDS = 25.0

@@ -10,11 +10,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.cli import add_command
-from runtime.contracts.errors import RecordingError, RequestError, SrlError, nearest
+from srl.runtime.cli import add_command
+from srl.runtime.contracts.errors import RecordingError, RequestError, SrlError, nearest
 
 if TYPE_CHECKING:
-    from runtime.recording.index import Entry
+    from srl.runtime.recording.index import Entry
 
 FORMATS = ("parquet", "mcap", "c3d", "bids")
 
@@ -43,7 +43,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0; 1 if one of them couldn't be exported or deleted."""
-    from runtime.recording.index import entries
+    from srl.runtime.recording.index import entries
 
     for option, needed in (("to", "export"), ("yes", "delete")):
         if getattr(args, option) and not getattr(args, needed):
@@ -129,13 +129,13 @@ def _open(chosen: Sequence[Entry]) -> int:
         else:
             print(f"  rerun --bind 127.0.0.1 {files}")
             print(f"  srl replay {entry.path}")
-        print(f'  python: runtime.recording.reader.read(Path("{entry.path}"))')
+        print(f'  python: srl.recordings.read(Path("{entry.path}"))')
     return 0
 
 
 def _export(chosen: Sequence[Entry], args: argparse.Namespace) -> int:
-    from runtime.export import formats
-    from runtime.recording.reader import read
+    from srl.runtime.export import formats
+    from srl.runtime.recording.reader import read
 
     if args.export == "bids" and args.to is None:
         raise RequestError("--to", "BIDS-Motion is a folder for all of them", "Add --to FOLDER")
@@ -182,8 +182,8 @@ def _person(entry: Entry, asked: str | None) -> str | None:
 
 
 def _delete(chosen: Sequence[Entry], args: argparse.Namespace) -> int:
-    from runtime.recording.index import entries, made_of
-    from runtime.recording.keep import LEDGER, strike
+    from srl.runtime.recording.index import entries, made_of
+    from srl.runtime.recording.keep import LEDGER, strike
 
     if not chosen:
         print(json.dumps({"deleted": [], "failed": 0}) if args.json else "no recordings")

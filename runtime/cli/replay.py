@@ -6,10 +6,10 @@ import argparse
 import json
 from pathlib import Path
 
-from runtime.cli import add_command
-from runtime.cli.status import working
-from runtime.contracts.errors import RecordingError
-from runtime.loop.replay import perturbed, replay
+from srl.runtime.cli import add_command
+from srl.runtime.cli.status import working
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.loop.replay import perturbed, replay
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -25,7 +25,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0 if every bit is the same, else 1."""
-    from runtime.recording.reader import read
+    from srl.runtime.recording.reader import read
 
     with working(f"{args.recording} is replayed"):
         recording = read(args.recording)

@@ -10,27 +10,27 @@ import time
 from pathlib import Path
 from typing import Any
 
-from runtime.cli import add_command, wearer
-from runtime.cli.check import check_certificates, check_guards
-from runtime.cli.console import Console
-from runtime.cli.status import Status
-from runtime.contracts.errors import HostError, RequestError
-from runtime.contracts.files import encoded
-from runtime.ipc import latches
-from runtime.ipc.events import Level
-from runtime.ipc.launch import ANONYMOUS, Launch
-from runtime.ipc.layout import Layout
-from runtime.ipc.run_folder import ROOM, RunFolder, free_bytes
-from runtime.ipc.words import Cause
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
-from runtime.profile.source import Source
-from runtime.service import arming
-from runtime.service.end_signals import EndSignals
-from runtime.service.helpers import helpers
-from runtime.service.standing import Standing
-from runtime.service.summary import WELL, Summary
-from runtime.service.supervisor import Supervisor, state_dir
+from srl.runtime.cli import add_command, wearer
+from srl.runtime.cli.check import check_certificates, check_guards
+from srl.runtime.cli.console import Console
+from srl.runtime.cli.status import Status
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.files import encoded
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.events import Level
+from srl.runtime.ipc.launch import ANONYMOUS, Launch
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.run_folder import ROOM, RunFolder, free_bytes
+from srl.runtime.ipc.words import Cause
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.source import Source
+from srl.runtime.service import arming
+from srl.runtime.service.end_signals import EndSignals
+from srl.runtime.service.helpers import helpers
+from srl.runtime.service.standing import Standing
+from srl.runtime.service.summary import WELL, Summary
+from srl.runtime.service.supervisor import Supervisor, state_dir
 
 REFRESH = 0.1  # s between two readings of the rows
 PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps")
@@ -69,7 +69,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
-    check_names()
     status.wait(f"{args.profile}: its parts are put together")
     checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, args.sim)
@@ -228,7 +227,7 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
         problem = f"'{args.person}' isn't anonymous: up to four letters, then a number"
         raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
     if args.record is not None:
-        from runtime.recording.segments import check_target
+        from srl.runtime.recording.segments import check_target
 
         check_target(args.record)
     if args.figure is not None and not args.figure.absolute().parent.is_dir():
@@ -249,8 +248,8 @@ def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profil
     said: list[str] = []
     if checked.record.keep is not None:
         # Not at the top: it loads rerun.
-        from runtime.recording.keep import Keep, make_room
-        from runtime.recording.summary import persons
+        from srl.runtime.recording.keep import Keep, make_room
+        from srl.runtime.recording.summary import persons
 
         run = Layout(devices=[])
         run.meta = {"person": args.person, "profile": source.text, "files": encoded(source.files.kept)}
@@ -270,7 +269,7 @@ def _check_owners(person: str | None, source: Source, graph: Graph) -> None:
     """Refuses another person's calibration, of whatever kind. A simulated person's serves where all is simulated."""
     if person is None:
         return
-    from runtime.recording.summary import owner
+    from srl.runtime.recording.summary import owner
 
     all_simulated = all(device.name in graph.simulated for device in graph.devices)
     for name, content in source.files.kept.items():
@@ -281,28 +280,8 @@ def _check_owners(person: str | None, source: Source, graph: Graph) -> None:
             raise RequestError("--person", problem, f"Name {person}'s file in the profile, or calibrate {person}")
 
 
-def check_names() -> None:
-    """Checks that our packages are imported from here: their names are common, so others could take their place."""
-    import importlib.util
-
-    ours = Path(__file__).parents[2]
-    for name in ("runtime", "drivers", "sim", "profiles", "srl"):
-        spec = importlib.util.find_spec(name)
-        if spec is None:
-            raise HostError(f"package '{name}'", "it isn't installed", "Install this version of srl-runtime again")
-        if spec.origin is not None:
-            origin = Path(spec.origin).parents[1]
-        else:  # a folder without code of that name, such as one in the present folder
-            origin = Path(next(iter(spec.submodule_search_locations or ["?"]))).parent
-        if origin != ours:
-            raise HostError(
-                f"package '{name}'", f"it would be imported from {origin}, not from srl-runtime in {ours}",
-                "Run it elsewhere, if that is this folder; or install srl-runtime into an environment of its own",
-            )  # fmt: skip
-
-
 def _draw(record: Path, figure: Path) -> None:
-    from runtime.recorder.figure import draw
-    from runtime.recording.reader import read
+    from srl.runtime.pictures.figure import draw
+    from srl.runtime.recording.reader import read
 
     draw(read(record), figure)

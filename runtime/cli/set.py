@@ -6,11 +6,11 @@ import argparse
 import json
 from typing import Any
 
-from runtime.cli import add_command
-from runtime.cli.instance import choose
-from runtime.contracts.errors import RequestError, nearest
-from runtime.ipc.run_folder import RunFolder
-from runtime.profile.keys import path
+from srl.runtime.cli import add_command
+from srl.runtime.cli.instance import choose
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.profile.keys import path
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -25,7 +25,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Lists, or sets and prints the loop's answer. Raises RequestError: it is refused, with the bounds."""
-    from runtime.bus.client import connect
+    from srl.runtime.bus.client import connect
 
     value = None if args.value is None else _number(args.parameter, args.value)
     folder = choose(args.instance)

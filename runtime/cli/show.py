@@ -6,13 +6,13 @@ import argparse
 import json
 from pathlib import Path
 
-from runtime.cli import add_command
-from runtime.cli.check import check_certificates, check_guards
-from runtime.cli.show_text import SECTIONS, text
-from runtime.contracts.errors import RequestError
-from runtime.loop.guards import limits_of
-from runtime.profile import profile, wiring
-from runtime.profile.overview import overview
+from srl.runtime.cli import add_command
+from srl.runtime.cli.check import check_certificates, check_guards
+from srl.runtime.cli.show_text import SECTIONS, text
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.overview.overview import overview
+from srl.runtime.profile import profile, wiring
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     check_certificates(graph)
     found = overview(graph, limits_of(graph))
     if args.png is not None:
-        from runtime.recorder.overview_picture import draw_overview
+        from srl.runtime.pictures.overview_picture import draw_overview
 
         draw_overview(found, args.png)
     if args.json:

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from runtime.cli.printable import printable
+from srl.runtime.cli.printable import printable
 
 Item = Mapping[str, Any]
 WIDTH = 100  # columns
@@ -27,7 +27,7 @@ _SLIDING = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 
 
 def text(overview: Item, sections: Sequence[str]) -> list[str]:
-    """The lines of these SECTIONS of `runtime.profile.overview.overview`."""
+    """The lines of these SECTIONS of `srl.runtime.overview.overview.overview`."""
     makers = {"devices": _devices, "wiring": _wiring, "frames": _frames}
     lines = [
         *_wrapped(0, f"{overview['profile']}: {overview['summary']}".rstrip(": ")),

@@ -11,11 +11,11 @@ import sys
 import time
 from collections.abc import Iterator
 
-from runtime.cli.console import Console
-from runtime.ipc import latches
-from runtime.ipc.events import Level
-from runtime.ipc.words import Cause
-from runtime.service.summary import Summary
+from srl.runtime.cli.console import Console
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.events import Level
+from srl.runtime.ipc.words import Cause
+from srl.runtime.service.summary import Summary
 
 _EVERY = 10.0  # s between lines where there is no terminal
 

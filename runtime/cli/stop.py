@@ -6,11 +6,11 @@ import argparse
 import json
 import time
 
-from runtime.cli import add_command
-from runtime.cli.instance import choose
-from runtime.contracts.errors import RequestError
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.cli import add_command
+from srl.runtime.cli.instance import choose
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.run_folder import RunFolder
 
 _NAMES = ("stop", "reset", "start")
 

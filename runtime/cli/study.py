@@ -11,9 +11,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from runtime.cli import add_command
-from runtime.contracts import registry, whole_file
-from runtime.contracts.errors import HostError, RequestError
+from srl.runtime.cli import add_command
+from srl.runtime.contracts import registry, whole_file
+from srl.runtime.contracts.errors import HostError, RequestError
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

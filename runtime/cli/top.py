@@ -15,11 +15,11 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from runtime.bus.client import Client, Update, connect
-from runtime.cli import add_command
-from runtime.contracts.errors import RequestError, nearest
-from runtime.ipc.run_folder import running
-from runtime.profile.keys import path
+from srl.runtime.bus.client import Client, Update, connect
+from srl.runtime.cli import add_command
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.ipc.run_folder import running
+from srl.runtime.profile.keys import path
 
 REFRESH = 5.0  # Hz
 GONE = 5.0  # s without a status after which the client checks whether the instance still exists

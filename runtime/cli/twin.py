@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from runtime.cli import add_command, wearer
-from runtime.contracts import registry
-from runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
-from runtime.contracts.world import Fake, Twin, World
-from runtime.loop.clock import MonotonicClock
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.cli import add_command, wearer
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
+from srl.runtime.contracts.world import Fake, Twin, World
+from srl.runtime.loop.clock import MonotonicClock
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 RATE = 1000.0  # Hz, how often the world is stepped and the twins look at their ports
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
-from runtime.contracts.errors import RequestError
-from runtime.profile import profile
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.profile import profile
 
 
 def overrides(name: str, given: Sequence[str], wearer: str | None) -> list[str]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array, Command, Signal
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array, Command, Signal
 
 NEVER = -1  # a stamp: no sample has been taken yet, or nobody computes the signal at present
 

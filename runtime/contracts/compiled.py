@@ -1,4 +1,4 @@
-"""Laws and guards in C: the extension `runtime._compiled`, and how a law is bound to it (docs/compiled.md).
+"""Laws and guards in C: the extension `srl.runtime._compiled`, and how a law is bound to it (docs/compiled.md).
 
 The Python law is the specification and the fallback. It keeps its options, its checks, its reset and its figures. The C
 function computes the ordinary cycle. Where it meets anything else (a NaN, a pause, a switched load), it does nothing
@@ -17,14 +17,15 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from runtime import __version__
-from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Array
+from srl.runtime import __version__
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array
 
 Backend = Literal["auto", "c", "python"]
 Step = Callable[..., int]
 PYTHON: Final = "python"
-_NAME: Final = "runtime._compiled"
+_NAME: Final = "srl.runtime._compiled"
+_PACKAGE: Final = Path(__file__).resolve().parents[1]  # without the link that leads to it
 _ELF: Final = struct.Struct("<6s34xQ10xHH")  # 64 bit: magic; where the sections' headers are, of what size, how many
 
 
@@ -55,7 +56,7 @@ def is_old() -> bool:
     return _old
 
 
-def unfit(file: Path, package: Path = Path(__file__).parents[1]) -> str:
+def unfit(file: Path, package: Path = _PACKAGE) -> str:
     """Why this file isn't even to be loaded as the package's C; "" if it may be.
 
     Another copy of the package may be installed beside a checkout without C. What is cut off ends the process that
@@ -72,7 +73,7 @@ def unfit(file: Path, package: Path = Path(__file__).parents[1]) -> str:
     return ""
 
 
-def stale(found: Any, sources: Path = Path(__file__).parents[2] / "native") -> str:
+def stale(found: Any, sources: Path = _PACKAGE.parent / "native") -> str:
     """Why this C isn't that of the package's Python, so that it would compute something else; "" if it is.
 
     Args:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.transforms import Transform
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.transforms import Transform
 
 
 class ControllerConfig(Options):

@@ -72,7 +72,7 @@ def _imports(text: str) -> Iterator[str]:
 
 def _importable(module: str) -> bool:
     """Whether the module is there, what it imports of its own package and ours, and the libraries they name."""
-    ours = {module.partition(".")[0], "runtime", "drivers", "sim", "srl"}
+    ours = {module.partition(".")[0], "srl"}
     todo, seen = [module], set[str]()
     while todo:
         name = todo.pop()

@@ -10,8 +10,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array, Command, Limits, Signal, Stop
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array, Command, Limits, Signal, Stop
 
 
 class DeviceConfig(Options):
@@ -128,7 +128,7 @@ class Driver(ABC):
     links: tuple[str, ...] = ()
     # What `srl calibrate PROFILE` calls its calibration; "" for none.
     calibrated: str = ""
-    # Which description of `runtime.control.robots` it is, for pictures; {model} stands for an option's value.
+    # Which description of `srl.runtime.models.robots` it is, for pictures; {model} stands for an option's value.
     pictured_as: str = ""
     # Whether its signals are given by what stands here, now. A button of anything else releases no person's stop.
     here: bool = True

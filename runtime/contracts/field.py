@@ -12,7 +12,7 @@ class Field:
     """One signal's place in a row.
 
     Unit, frame, labels, slots, components, visual, links, groups and slides are as in
-    `runtime.contracts.signals.Signal`. Earlier recordings don't say which joints slide.
+    `srl.runtime.contracts.signals.Signal`. Earlier recordings don't say which joints slide.
 
     Attributes:
         name: `<device or controller>.<signal>`.

@@ -7,7 +7,7 @@ from typing import Any
 
 from ruamel.yaml.error import YAMLError
 
-from runtime.contracts import yaml_text
+from srl.runtime.contracts import yaml_text
 
 
 def file_says(content: bytes) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from runtime.contracts.errors import OptionError, RecordingError
+from srl.runtime.contracts.errors import OptionError, RecordingError
 
 LARGEST: Final = 1 << 20  # bytes of a file that is kept: each segment of a recording holds it
 

@@ -15,13 +15,13 @@ from typing import Annotated, Any, ClassVar, Final
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.files import KeptFile
-from runtime.contracts.options import Options
-from runtime.contracts.rotation import Pose, Quaternion, Vector
-from runtime.contracts.signals import Array
-from runtime.contracts.terms import PLANAR
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.rotation import Pose, Quaternion, Vector
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.terms import PLANAR
 
 IDENTITY: Final[Pose] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 FASTEST: Final = 10.0
@@ -199,7 +199,7 @@ class Measured:
 
     Attributes:
         pose: (7,), the pose of the path's source in its target. While a measured pose is none it stays as it was; NaN
-            if there was none yet. That one is lost is decided elsewhere (`runtime.loop.sights`).
+            if there was none yet. That one is lost is decided elsewhere (`srl.runtime.loop.sights`).
     """
 
     def __init__(self, frames: Frames, path: Path, signals: Mapping[str, Array]) -> None:

@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.rotation import Pose, Vector
-from runtime.contracts.signals import Array
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.rotation import Pose, Vector
+from srl.runtime.contracts.signals import Array
 
 Color = tuple[int, int, int]
 PLAIN: Color = (205, 205, 210)  # a link's

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError
 
 
 class Options(BaseModel):

@@ -10,7 +10,7 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.errors import OptionError, nearest
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -44,7 +44,7 @@ class PerElement:
     Attributes:
         names: of the values, in the tuple's order.
         ordered: whether this order is the robot's own (joint1 to joint7) or one of the runtime's fixed terms
-            (`runtime.contracts.terms`), so that a list can be read.
+            (`srl.runtime.contracts.terms`), so that a list can be read.
         single: whether one number for all makes sense.
     """
 

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, QUATERNION, TWIST, WRENCH
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, QUATERNION, TWIST, WRENCH
 
 # By the labels of a row, or the components of each: each element's bound, in its own unit.
 _BY_NAMES: Final[dict[tuple[str, ...], tuple[float, ...]]] = {

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime import __version__
+from srl.runtime import __version__
 
 PACKAGES = ("numpy", "mujoco", "ruckig", "pin", "eclipse-zenoh", "rerun-sdk", "pyserial", "python-can")
 

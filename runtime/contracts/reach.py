@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from runtime.contracts.errors import RequestError
+from srl.runtime.contracts.errors import RequestError
 
 PATIENCE: Final = 0.3  # s for a connection of this machine to itself
 ADDRESSES: Final = Path("/proc/net/fib_trie")  # those of all interfaces, in this network namespace

@@ -9,10 +9,13 @@ import sys
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import Any, Final
 
-from runtime.contracts.declared import declared
-from runtime.contracts.errors import HostError, ProfileError, nearest
+from srl.runtime.contracts.declared import declared
+from srl.runtime.contracts.errors import HostError, ProfileError, nearest
+
+OLD: Final = ("runtime", "drivers", "sim", "studies", "profiles")
+"""Packages that had these names until everything was imported from `srl`."""
 
 
 def names(group: str) -> list[str]:
@@ -38,13 +41,14 @@ def load(group: str, name: str, place: str) -> Any:
     try:
         return point.load()
     except (ImportError, AttributeError) as error:
-        ours = str(getattr(error, "name", None) or "").partition(".")[0] in ("runtime", "drivers", "sim")
-        moved = "It expects another version of srl-runtime. CHANGELOG.md says where modules went; `srl` keeps its names"
-        raise HostError(
-            place,
-            f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}",
-            moved if ours else "Install what is missing into the runtime's environment",
-        ) from error
+        missing = str(getattr(error, "name", None) or "")
+        if missing.partition(".")[0] in OLD:
+            remedy = f"It was written for an earlier srl-runtime: import 'srl.{missing}', or what 'srl' itself offers"
+        elif missing.partition(".")[0] == "srl":
+            remedy = "It expects another version of srl-runtime. CHANGELOG.md says where modules went"
+        else:
+            remedy = "Install what is missing into the runtime's environment"
+        raise HostError(place, f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}", remedy) from error
 
 
 def describe(group: str, name: str, attributes: Sequence[str]) -> dict[str, Any]:

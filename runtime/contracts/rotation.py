@@ -11,7 +11,7 @@ from typing import Final, Literal, TypeVar
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
@@ -258,7 +258,7 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
                    (cos(roll / 2), sin(roll / 2), 0.0, 0.0)))  # fmt: skip
 
 
-# Rigid transforms are poses: x, y, z (m), w, x, y, z, as in `runtime.contracts.terms.POSE`.
+# Rigid transforms are poses: x, y, z (m), w, x, y, z, as in `srl.runtime.contracts.terms.POSE`.
 
 
 def composed(a: Pose, b: Pose) -> Pose:

@@ -13,10 +13,10 @@ from typing import Annotated, Any, Final, Literal, Protocol
 
 from pydantic import ConfigDict, Field, FiniteFloat, ValidationError, field_validator, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import ProfileError, nearest
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.sealed import HASH, ChangedError, opened
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import ProfileError, nearest
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.sealed import HASH, ChangedError, opened
 
 FORMAT: Final = "srl-servos-1"
 WHAT: Final = "servos"

@@ -25,13 +25,13 @@ class Signal:
             law's signal may say `=INPUT`: the frame that this input's signal has.
         of: the frame whose pose, twist or wrench it is; `=INPUT` as above.
         labels: a name for each row (joints, fingertips, x y z). Wiring goes by them, never by place. More than one row
-            needs labels or `slots`; `runtime.contracts.terms` has the names of what lives in space.
+            needs labels or `slots`; `srl.runtime.contracts.terms` has the names of what lives in space.
         slides: joints among its labels that slide, and are in m (m/s, N) where the unit is that of a turn; None: nobody
             knows. Where both ends of a wire know, they must agree.
         slots: the rows have no identity (unlabelled markers). They go as a whole to a port that takes slots.
         components: names along each further axis, one tuple an axis: x y z for (5, 3), joints for a Jacobian's columns.
         plausible: the least and the greatest value that its device can give, each one number or one for each element;
-            None: what anything of this unit can be (`runtime.contracts.plausible`). Of measured signals alone.
+            None: what anything of this unit can be (`srl.runtime.contracts.plausible`). Of measured signals alone.
         visual: how a viewer shows it: "points" for shape (k, 3), or (3,), which is one; "robot" for the same, drawn as
             thick as an arm; "sphere" for (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a
             trail; "arrow" for (2, 3), its start point (m) and a force (N) at that point; "skeleton" as "points", drawn
@@ -139,7 +139,7 @@ class Command(Signal):
         timeout: s; without a further command the device ends a velocity by itself within this, and keeps to the guard's
             acceleration at least in doing so. None: it doesn't, or nobody knows.
         lag: s; the measured position follows the command within this. With `window` it says what a limb that follows is
-            measured to do (`runtime.guard.following`).
+            measured to do (`srl.runtime.guard.following`).
         window: how far a limb that follows may be from where its command was within the lag: a load, friction, a soft
             gear. In the unit of the position; one number, or one for each element. None: the usual of this unit.
         resolution: the largest difference between a command and what leaves for the device that is normal

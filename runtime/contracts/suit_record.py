@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat
 
-from runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.entry import BaseModel
 
 FORMAT: Final = "srl-suit-1"
 _NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydantic import ConfigDict, Field, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import ProfileError
 
 
 class TlsConfig(BaseModel):

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from runtime.contracts.rotation import Quaternion, Vector
+from srl.runtime.contracts.rotation import Quaternion, Vector
 
 Dof = Literal["swivel", "shrug", "protraction"]
 """Motions that leave the hand still: the elbow about the line from shoulder to wrist, the clavicle up, forward."""

@@ -6,7 +6,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from runtime.contracts.errors import SrlError
+from srl.runtime.contracts.errors import SrlError
 
 
 def write(path: Path, content: bytes, error: type[SrlError]) -> None:

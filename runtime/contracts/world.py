@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict
 
-from runtime.contracts.driver import DeviceConfig, Driver
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.frames import Frames
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.wearer import Wearer
+from srl.runtime.contracts.driver import DeviceConfig, Driver
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.frames import Frames
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.wearer import Wearer
 
 
 class WorldConfig(BaseModel):

@@ -18,14 +18,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime import __version__
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.contracts.terms import POINT, QUATERNION
-from runtime.export.report import Report, listed, whole_file
-from runtime.recording.elements import Element, elements
-from runtime.recording.reader import Recording
+from srl.runtime import __version__
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.terms import POINT, QUATERNION
+from srl.runtime.export.report import Report, listed, whole_file
+from srl.runtime.recording.elements import Element, elements
+from srl.runtime.recording.reader import Recording
 
 VERSION: Final = "1.10.0"
 COMPONENTS: Final = dict(zip(QUATERNION, ("quat_w", "quat_x", "quat_y", "quat_z"), strict=True))

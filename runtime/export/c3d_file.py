@@ -1,8 +1,8 @@
 """A recording as C3D: points of bodies in mm, and the devices' other numbers as analog channels.
 
-A point is named SIGNAL:ROW ("skeleton.nodes:Hips"), an analog channel as in `runtime.recording.elements`. Points are in
-the root of the profile's frames, as in the pictures. C3D has one fixed rate, 32-bit numbers and neither text nor time
-stamps; what that leaves out is reported.
+A point is named SIGNAL:ROW ("skeleton.nodes:Hips"), an analog channel as in `srl.runtime.recording.elements`. Points
+are in the root of the profile's frames, as in the pictures. C3D has one fixed rate, 32-bit numbers and neither text nor
+time stamps; what that leaves out is reported.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.export.frames_in_time import Grid, grid
-from runtime.export.report import Report, listed, needed, whole_file
-from runtime.ipc.layout import Layout
-from runtime.recording.elements import elements
-from runtime.recording.reader import Recording
-from runtime.recording.shapes import JOINTED, Placing
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.export.frames_in_time import Grid, grid
+from srl.runtime.export.report import Report, listed, needed, whole_file
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.elements import elements
+from srl.runtime.recording.reader import Recording
+from srl.runtime.recording.shapes import JOINTED, Placing
 
 MOST_FRAMES: Final = 65535  # that a C3D file's header counts
 MOST_CHANNELS: Final = 255  # names that a C3D parameter holds

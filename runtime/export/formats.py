@@ -6,11 +6,11 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Final
 
-from runtime.contracts.errors import RequestError
-from runtime.export import bids_motion, c3d_file, mcap_file, parquet_file
-from runtime.export.report import Report
-from runtime.recording.reader import Recording
-from runtime.recording.summary import persons
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.export import bids_motion, c3d_file, mcap_file, parquet_file
+from srl.runtime.export.report import Report
+from srl.runtime.recording.reader import Recording
+from srl.runtime.recording.summary import persons
 
 ENDINGS: Final = {"parquet": ".parquet", "mcap": ".mcap", "c3d": ".c3d"}
 FORMATS: Final = (*ENDINGS, "bids")

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.recording.reader import Recording
+from srl.runtime.recording.reader import Recording
 
 
 @dataclass(frozen=True)

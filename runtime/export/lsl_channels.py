@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.errors import RequestError
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout, Words
-from runtime.profile.plots import indices, pick, split
-from runtime.recording.elements import elements
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.profile.plots import indices, pick, split
+from srl.runtime.recording.elements import elements
 
 PLACE: Final = "--signals"
 OWN: Final = ("cycle", "state", "cause")

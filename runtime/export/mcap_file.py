@@ -17,18 +17,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime import __version__
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.frames import FrameEntry, as_pose, is_pose
-from runtime.contracts.rotation import Pose, composed
-from runtime.export.report import Report, needed, whole_file
-from runtime.ipc.events import Level
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.words import CYCLE, DEVICE
-from runtime.messages import cdr
-from runtime.messages.messages import Encoder, describe, time_of
-from runtime.profile.keys import path
-from runtime.recording.reader import Recording
+from srl.runtime import __version__
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.frames import FrameEntry, as_pose, is_pose
+from srl.runtime.contracts.rotation import Pose, composed
+from srl.runtime.export.report import Report, needed, whole_file
+from srl.runtime.ipc.events import Level
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.words import CYCLE, DEVICE
+from srl.runtime.messages import cdr
+from srl.runtime.messages.messages import Encoder, describe, time_of
+from srl.runtime.profile.keys import path
+from srl.runtime.recording.reader import Recording
 
 ROWS: Final = 512  # whose messages are made at a time
 WORDS: Final = "std_msgs/msg/Int64MultiArray"

@@ -14,10 +14,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from runtime.export.report import Report, whole_file
-from runtime.ipc.layout import Layout
-from runtime.recording.elements import elements
-from runtime.recording.reader import Recording
+from srl.runtime.export.report import Report, whole_file
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.elements import elements
+from srl.runtime.recording.reader import Recording
 
 ROWS = 1 << 16  # of a row group
 

@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from runtime.contracts.errors import HostError, RecordingError
+from srl.runtime.contracts.errors import HostError, RecordingError
 
 
 @dataclass

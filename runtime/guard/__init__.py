@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from runtime.contracts.signals import Kind
-from runtime.guard.base import CommandGuard
-from runtime.guard.limits import GuardLimits, merge
-from runtime.guard.position import PositionGuard
-from runtime.guard.torque import TorqueGuard
-from runtime.guard.velocity import VelocityGuard
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.guard.base import CommandGuard
+from srl.runtime.guard.limits import GuardLimits, merge
+from srl.runtime.guard.position import PositionGuard
+from srl.runtime.guard.torque import TorqueGuard
+from srl.runtime.guard.velocity import VelocityGuard
 
 __all__ = [
     "GUARDS",

@@ -9,11 +9,11 @@ from operator import sub
 
 import numpy as np
 
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.errors import DeviceError, WiringError
-from runtime.contracts.signals import Array, Command, Kind, Limits, Stop
-from runtime.guard.sent import SentTracker, rounding
-from runtime.guard.verified import VerifiedStop
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.errors import DeviceError, WiringError
+from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Stop
+from srl.runtime.guard.sent import SentTracker, rounding
+from srl.runtime.guard.verified import VerifiedStop
 
 LONGEST = 5  # periods: a longer pause is not made up for, the motion continues from where the device is
 SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division by zero

@@ -7,12 +7,12 @@ from math import inf
 
 import numpy as np
 
-from runtime.contracts.compiled import NotCompiledError, Patience, Step, bind
-from runtime.contracts.signals import Array
-from runtime.guard.base import CommandGuard, Fast
-from runtime.guard.position import PositionGuard
-from runtime.guard.torque import TorqueGuard
-from runtime.guard.velocity import REACTION, VelocityGuard
+from srl.runtime.contracts.compiled import NotCompiledError, Patience, Step, bind
+from srl.runtime.contracts.signals import Array
+from srl.runtime.guard.base import CommandGuard, Fast
+from srl.runtime.guard.position import PositionGuard
+from srl.runtime.guard.torque import TorqueGuard
+from srl.runtime.guard.velocity import REACTION, VelocityGuard
 
 _RARE = -1
 

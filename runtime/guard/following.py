@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.compiled import bind_or_python
-from runtime.contracts.signals import Array, Command, Kind
-from runtime.contracts.terms import PLANAR_TWIST
+from srl.runtime.contracts.compiled import bind_or_python
+from srl.runtime.contracts.signals import Array, Command, Kind
+from srl.runtime.contracts.terms import PLANAR_TWIST
 
 WINDOW: Final = {"rad": 0.25, "m": 0.03, "1": 0.25}  # of a position, by its unit
 PLANAR_WINDOW: Final = (0.25, 0.25, 0.5)  # m, m, rad

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, WiringError
-from runtime.contracts.per_element import Finite, Positive, in_order
-from runtime.contracts.signals import Array, Limits
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, WiringError
+from srl.runtime.contracts.per_element import Finite, Positive, in_order
+from srl.runtime.contracts.signals import Array, Limits
 
 NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
 

@@ -6,11 +6,11 @@ from math import copysign, inf, isfinite, isinf, sqrt
 
 import ruckig
 
-from runtime.contracts.signals import Limits, Stop
-from runtime.guard.approach import approach
-from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
-from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
-from runtime.guard.verified import VerifiedStop, brake_together, stop_time
+from srl.runtime.contracts.signals import Limits, Stop
+from srl.runtime.guard.approach import approach
+from srl.runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
+from srl.runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
+from srl.runtime.guard.verified import VerifiedStop, brake_together, stop_time
 
 SLACK = 1e-10  # rad or m: tolerance for rounding when two braking distances are compared
 SQRT2 = sqrt(2.0)
@@ -36,7 +36,7 @@ class PositionGuard(CommandGuard):
     Then the estimate changes at that limit, and the acceleration counts as zero.
 
     With a clearance, the states are a proposal for all joints, which is applied, in part or whole, if the limb can
-    brake from it along its path and keep clear (`runtime.guard.verified`). Every stop is along the path then.
+    brake from it along its path and keep clear (`srl.runtime.guard.verified`). Every stop is along the path then.
     """
 
     needs = ("velocity", "acceleration")

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.compiled import bind_or_python
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.compiled import bind_or_python
+from srl.runtime.contracts.signals import Array
 
 MEMORY: Final = 0.5  # s, in which a difference of the two ways is forgotten
 OFF: Final = {"rad/s": 0.05, "m/s": 0.01}  # rad or m, by which the ways may differ: noise, resolution

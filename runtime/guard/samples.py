@@ -1,9 +1,9 @@
 """Judges each sample of a device before anything uses it: a value that can't be true is no sample.
 
-A value must lie in its signal's plausible range (`runtime.contracts.plausible`). The measured position of a joint that
-is commanded must moreover be where the joint can have moved to since the sample before, and its measured velocity must
-be that of its position (`runtime.guard.rates`). So one wrong sample never becomes a command, nor a law's state: the
-sample before stays, and grows old.
+A value must lie in its signal's plausible range (`srl.runtime.contracts.plausible`). The measured position of a joint
+that is commanded must moreover be where the joint can have moved to since the sample before, and its measured velocity
+must be that of its position (`srl.runtime.guard.rates`). So one wrong sample never becomes a command, nor a law's
+state: the sample before stays, and grows old.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from runtime.contracts.compiled import bind_or_python
-from runtime.contracts.plausible import plausible
-from runtime.contracts.signals import Array, Signal
-from runtime.guard.rates import LASTS, RateCheck
+from srl.runtime.contracts.compiled import bind_or_python
+from srl.runtime.contracts.plausible import plausible
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.guard.rates import LASTS, RateCheck
 
 # What a step of two samples may be beside the motion: noise, backlash, a sample that came late.
 SLACK: Final = {"rad": 0.02, "m": 0.005, "m, rad": 0.05, "1": 0.02}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite, nan
 
-from runtime.contracts.signals import Kind
+from srl.runtime.contracts.signals import Kind
 
 
 def rounding(value: float) -> float:

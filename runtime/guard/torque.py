@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array, Limits, Stop
-from runtime.guard.base import CommandGuard, finite
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Array, Limits, Stop
+from srl.runtime.guard.base import CommandGuard, finite
 
 ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort limit
 FADE = 0.25  # of the velocity limit: range below it in which effort that would exceed it fades out

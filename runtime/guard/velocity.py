@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array, Limits, Stop
-from runtime.contracts.terms import PLANAR_TWIST
-from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
-from runtime.guard.braking import State
-from runtime.guard.verified import VerifiedStop, brake_together, stop_time
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Array, Limits, Stop
+from srl.runtime.contracts.terms import PLANAR_TWIST
+from srl.runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
+from srl.runtime.guard.braking import State
+from srl.runtime.guard.verified import VerifiedStop, brake_together, stop_time
 
 # Periods of motion reserved before a position limit. Near the limit the speed is distance / REACTION periods. With
 # four or more, a device that obeys one period late does not overshoot.

@@ -31,9 +31,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.clearance import Braking, Clearance
-from runtime.contracts.signals import Array
-from runtime.guard.braking import State, brake, stop_phases, stop_range
+from srl.runtime.contracts.clearance import Braking, Clearance
+from srl.runtime.contracts.signals import Array
+from srl.runtime.guard.braking import State, brake, stop_phases, stop_range
 
 STEP: Final = 0.01  # m that a limb may move between two samples of its stop
 MOST: Final = 24  # samples of a stop

@@ -5,7 +5,7 @@ Datagrams are JSON: {"ask": "reset", "expires": CLOCK_MONOTONIC ns}; {"ask": "ex
 address. The kernel tells it the sender's process and user.
 
 What stops goes to a socket of its own, where every datagram stops: so no flood of other requests can leave a stop
-without room in the kernel's queue, and a flood of stops is one. `runtime.loop.request_queue` is the loop's side.
+without room in the kernel's queue, and a flood of stops is one. `srl.runtime.loop.request_queue` is the loop's side.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.run_folder import RunFolder
 
 RETRY = 0.02  # s between attempts to reach a loop that is about to begin
 NOTE = 400  # bytes of a note's text

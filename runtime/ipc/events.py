@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.ring import RingReader, RingWriter
 
 WIDTH = 64
 CAPACITY = 1024

@@ -20,7 +20,7 @@ import socket
 import time
 from typing import Any, Final
 
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.run_folder import RunFolder
 
 GUIDE: Final = "guide"
 REPORT: Final = "guide_report"

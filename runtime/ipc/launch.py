@@ -9,8 +9,8 @@ from typing import ClassVar, Final
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from runtime.contracts.errors import HostError
-from runtime.ipc import private_file
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc import private_file
 
 ANONYMOUS: Final = r"^[A-Za-z]{0,4}[0-9]{1,6}$"
 """A person's id: no name fits it."""
@@ -23,7 +23,7 @@ class Launch:
     Attributes:
         label, text, overrides: the profile as it was found.
         folder: where the paths in it begin.
-        files: content of the files that it names (`runtime.contracts.files.encoded`). The loop doesn't read them again.
+        files: content of the files that it names (`srl.runtime.contracts.files.encoded`). The loop reads none again.
         sim: devices to simulate; empty for all, None for none.
         fast: True to run simulated time as fast as possible.
         cycles: number of cycles after which the run ends; None: no such end.

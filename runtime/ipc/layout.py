@@ -1,6 +1,6 @@
 """The layout of a row: one description, written beside the ring, that every reader shares.
 
-A row's payload is `Layout.ints` int64 words (the cycle's own, then seven for each device: `runtime.ipc.words`),
+A row's payload is `Layout.ints` int64 words (the cycle's own, then seven for each device: `srl.runtime.ipc.words`),
 then float64 words (every signal's values).
 """
 
@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.ipc import private_file
-from runtime.ipc.words import CYCLE, DEVICE, Cause
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc import private_file
+from srl.runtime.ipc.words import CYCLE, DEVICE, Cause
 
 Words = NDArray[np.int64]
 """Rows: (k, width), or one of them."""

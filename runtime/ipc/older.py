@@ -6,8 +6,8 @@ import os
 from itertools import chain, count
 from pathlib import Path
 
-from runtime.contracts import whole_file
-from runtime.contracts.errors import RequestError, SrlError
+from srl.runtime.contracts import whole_file
+from srl.runtime.contracts.errors import RequestError, SrlError
 
 
 def check(path: Path, what: str, replacing: bool, example: str, error: type[SrlError] = RequestError) -> None:

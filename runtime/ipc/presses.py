@@ -4,8 +4,8 @@ A datagram is JSON: {"joint": index, "way": -1, 0 or 1, "expires": CLOCK_MONOTON
 at a fifth of the speed. Nobody answers: what came of it
 is in the rows. The press lives until `expires`, which the sender counts from when the page was last known to be alive.
 
-A reset goes the same way, as `runtime.ipc.control_socket` writes it to the loop, and is answered as there: the run of
-`srl jog` refuses it where nothing knows where the limb is, before the loop is asked.
+A reset goes the same way, as `srl.runtime.ipc.control_socket` writes it to the loop, and is answered as there: the run
+of `srl jog` refuses it where nothing knows where the limb is, before the loop is asked.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import json
 import socket
 from typing import Final
 
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.run_folder import RunFolder
 
 FRESH: Final = 0.04  # s that a press lives, from the server's word that the page answered with it
 MOVES: Final = 0.05  # s of motion that it gives: with `FRESH` and a cycle of 10 ms, 0.1 s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.errors import RecordingError
 
 MODE = 0o600
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.words import CLIENTS, Origin
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.words import CLIENTS, Origin
 
 VALUES = 64
 _HEAD = 6

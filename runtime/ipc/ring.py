@@ -19,8 +19,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import HostError, RecordingError
-from runtime.ipc import private_file
+from srl.runtime.contracts.errors import HostError, RecordingError
+from srl.runtime.ipc import private_file
 
 PAGE = 4096
 MAGIC = int.from_bytes(b"SRLRING1", "little")

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import DEVICE
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import DEVICE
 
 _CUT = 29  # bits of a float64's significand that a float32 hasn't
 _HALF, _KEPT = np.int64(1 << (_CUT - 1)), np.int64(-(1 << _CUT))

@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from runtime.contracts.errors import HostError
+from srl.runtime.contracts.errors import HostError
 
 SERVICES = Path("/run/srl")  # folder of the systemd unit's instances
 _SOCKET_PATH = 107  # bytes, sun_path without its terminator

@@ -12,8 +12,8 @@ import mmap
 import os
 from pathlib import Path
 
-from runtime.contracts.errors import HostError
-from runtime.ipc import private_file
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc import private_file
 
 SLOTS = 64  # devices with commands; fixed, so that the supervisor can make and map the file before the loop starts
 FRAMES = 2040  # bytes of all frames of a slot with their lengths; every buffer begins at a multiple of 8

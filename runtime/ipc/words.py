@@ -1,7 +1,7 @@
 """The int64 words of a row: their places by name, and the meaning of their numbers.
 
 `CYCLE.now` is the place of the word `now` among a row's words. `DEVICE.link` is the place of the word `link`
-among the words of one device (`runtime.ipc.row.Row.devices`, `runtime.ipc.layout.Layout.device`).
+among the words of one device (`srl.runtime.ipc.row.Row.devices`, `srl.runtime.ipc.layout.Layout.device`).
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ CLIENTS = frozenset(
 
 
 class Latch(IntFlag):
-    """What keeps a stop after its cause has gone. `runtime.ipc.latches` says who may end which."""
+    """What keeps a stop after its cause has gone. `srl.runtime.ipc.latches` says who may end which."""
 
     PERSON = 1  # a person's stop on this machine
     BUS = 2  # a stop by a client of the bus

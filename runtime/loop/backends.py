@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from runtime.contracts.compiled import PYTHON, Backend, Compiled, NotCompiledError, available, compiled, missing
-from runtime.contracts.errors import WiringError
-from runtime.guard import CommandGuard
-from runtime.guard.compiled import compile_guard
-from runtime.profile.graph import Graph
+from srl.runtime.contracts.compiled import PYTHON, Backend, Compiled, NotCompiledError, available, compiled, missing
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.guard import CommandGuard
+from srl.runtime.guard.compiled import compile_guard
+from srl.runtime.profile.graph import Graph
 
 
 class Backends:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
-from runtime.contracts.world import World
+from srl.runtime.contracts.world import World
 
 SECOND = 1_000_000_000
 # ns before the deadline at which the loop stops sleeping and spins: waking up takes some tens of microseconds.

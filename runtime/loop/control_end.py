@@ -1,6 +1,6 @@
 """The loop's side of one of its Unix sockets: datagrams with the process and the user that the kernel gives.
 
-The datagrams are described in `runtime.ipc.control_socket`.
+The datagrams are described in `srl.runtime.ipc.control_socket`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from runtime.ipc.control_socket import DATAGRAM
+from srl.runtime.ipc.control_socket import DATAGRAM
 
 _CREDENTIALS = struct.Struct("3i")  # struct ucred: pid, uid, gid
 _ROOM = socket.CMSG_SPACE(_CREDENTIALS.size)  # for no more: descriptors that a sender passes are dropped

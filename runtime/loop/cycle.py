@@ -10,13 +10,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.contracts.compiled import Backend
-from runtime.contracts.controller import Controller
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Kind, Limits, Stop
-from runtime.ipc import latches
-from runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
-from runtime.ipc.words import (
+from srl.runtime.contracts.compiled import Backend
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Kind, Limits, Stop
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
+from srl.runtime.ipc.words import (
     CYCLE,
     DEVICE,
     FLAG_DEGRADED,
@@ -33,15 +33,15 @@ from runtime.ipc.words import (
     Origin,
     State,
 )
-from runtime.loop.backends import Backends
-from runtime.loop.departures import Departures
-from runtime.loop.fault_finder import FaultFinder
-from runtime.loop.feedback import Feedback
-from runtime.loop.guards import make_guards
-from runtime.loop.lookout import Lookout
-from runtime.loop.machine import Fault, Ladder, Machine
-from runtime.loop.reset_inputs import ResetInputs
-from runtime.profile.graph import Actuator, Graph
+from srl.runtime.loop.backends import Backends
+from srl.runtime.loop.departures import Departures
+from srl.runtime.loop.fault_finder import FaultFinder
+from srl.runtime.loop.feedback import Feedback
+from srl.runtime.loop.guards import make_guards
+from srl.runtime.loop.lookout import Lookout
+from srl.runtime.loop.machine import Fault, Ladder, Machine
+from srl.runtime.loop.reset_inputs import ResetInputs
+from srl.runtime.profile.graph import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from runtime.guard import CommandGuard
-from runtime.ipc.words import DEVICE, LINK_ACTIVE
-from runtime.profile.graph import Graph
+from srl.runtime.guard import CommandGuard
+from srl.runtime.ipc.words import DEVICE, LINK_ACTIVE
+from srl.runtime.profile.graph import Graph
 
 LONGEST = 2.0  # s of the same, after which it is the device's fault
 STALL = 0.25  # s of beginning anew at what was sent, after which it is reported

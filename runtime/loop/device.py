@@ -18,15 +18,15 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.compiled import bind_or_python
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceLostError, SrlError
-from runtime.contracts.signals import Limits, Stop
-from runtime.contracts.world import Fake
-from runtime.guard.samples import SampleCheck
-from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE
-from runtime.loop.expected import expect
-from runtime.profile.graph import Actuator
+from srl.runtime.contracts.compiled import bind_or_python
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceLostError, SrlError
+from srl.runtime.contracts.signals import Limits, Stop
+from srl.runtime.contracts.world import Fake
+from srl.runtime.guard.samples import SampleCheck
+from srl.runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE
+from srl.runtime.loop.expected import expect
+from srl.runtime.profile.graph import Actuator
 
 RETRY = 0.5  # s between attempts to open a lost device
 SAID = 1_000_000_000  # ns between two events about samples that aren't taken
@@ -97,7 +97,7 @@ class Device:
             self._reopener.start()
 
     def expect(self, limits: Mapping[str, Limits]) -> None:
-        """From now on its samples must be what can be (`runtime.loop.expected`).
+        """From now on its samples must be what can be (`srl.runtime.loop.expected`).
 
         Args:
             limits: by command name, what the guard keeps to.

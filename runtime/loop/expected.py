@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Array, Command, Kind, Limits, Signal
-from runtime.contracts.terms import PLANAR_TWIST, POSITION_OF
-from runtime.guard.samples import SPEED, SampleCheck
-from runtime.profile.graph import Actuator
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Signal
+from srl.runtime.contracts.terms import PLANAR_TWIST, POSITION_OF
+from srl.runtime.guard.samples import SPEED, SampleCheck
+from srl.runtime.profile.graph import Actuator
 
 FASTEST: Final = 40.0  # rad/s, of a person's joints: the fastest, of a throw, turn at 20 to 40
 

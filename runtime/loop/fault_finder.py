@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 
-from runtime.ipc.words import (
+from srl.runtime.ipc.words import (
     DEVICE,
     LINK_ACTIVE,
     LINK_CONNECTED,
@@ -14,9 +14,9 @@ from runtime.ipc.words import (
     LINK_STALE,
     Cause,
 )
-from runtime.loop.machine import Fault
-from runtime.loop.sights import Sights
-from runtime.profile.graph import Graph
+from srl.runtime.loop.machine import Fault
+from srl.runtime.loop.sights import Sights
+from srl.runtime.profile.graph import Graph
 
 _ILL = LINK_CONNECTED | LINK_ERROR | LINK_FAULT | LINK_STALE  # of a device that is well only the first is set
 

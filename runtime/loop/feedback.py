@@ -11,14 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from runtime.contracts.signals import Array, Limits
-from runtime.guard import CommandGuard
-from runtime.guard.following import FollowingError, usual_window
-from runtime.guard.samples import AGREE, SLACK, SPEED
-from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Cause
-from runtime.loop.machine import Fault
-from runtime.profile.following import monitored
-from runtime.profile.graph import Actuator, Graph
+from srl.runtime.contracts.signals import Array, Limits
+from srl.runtime.guard import CommandGuard
+from srl.runtime.guard.following import FollowingError, usual_window
+from srl.runtime.guard.samples import AGREE, SLACK, SPEED
+from srl.runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Cause
+from srl.runtime.loop.machine import Fault
+from srl.runtime.profile.following import monitored
+from srl.runtime.profile.graph import Actuator, Graph
 
 _PAUSE = 50_000_000  # ns: between two samples no more motion than in this time is believed
 _WELL = LINK_ACTIVE | LINK_CONNECTED

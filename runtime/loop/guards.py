@@ -7,11 +7,11 @@ from dataclasses import fields
 
 import numpy as np
 
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Limits
-from runtime.guard import GUARDS, CommandGuard
-from runtime.guard.limits import merge
-from runtime.profile.graph import Actuator, Graph
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Limits
+from srl.runtime.guard import GUARDS, CommandGuard
+from srl.runtime.guard.limits import merge
+from srl.runtime.profile.graph import Actuator, Graph
 
 
 def limits_of(graph: Graph) -> dict[str, Limits]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.controller import Controller
-from runtime.contracts.errors import RecordingError, nearest
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.loop.replay import rebuilt
-from runtime.profile.graph import Graph, Law
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.errors import RecordingError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.loop.replay import rebuilt
+from srl.runtime.profile.graph import Graph, Law
 
 
 class LawInputs:

@@ -1,6 +1,6 @@
 """Runs the cycle of a fully simulated profile step by step in this process: no clock, no ring, no telemetry.
 
-For tests and measurements. The decisions are the loop's own (`runtime.loop.cycle`), the time is the world's.
+For tests and measurements. The decisions are the loop's own (`srl.runtime.loop.cycle`), the time is the world's.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.ipc.requests import Request, RequestKind
-from runtime.ipc.words import CYCLE, Origin, State
-from runtime.loop.cycle import Cycle
-from runtime.loop.device import Device
-from runtime.loop.guards import limits_of
-from runtime.loop.release import release
-from runtime.profile.graph import Graph
+from srl.runtime.ipc.requests import Request, RequestKind
+from srl.runtime.ipc.words import CYCLE, Origin, State
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.loop.release import release
+from srl.runtime.profile.graph import Graph
 
 
 class Lockstep:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import nan
 
-from runtime.contracts.clearance import NEVER
-from runtime.guard.verified import VerifiedStop
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE
-from runtime.profile.graph import Actuator, Graph
+from srl.runtime.contracts.clearance import NEVER
+from srl.runtime.guard.verified import VerifiedStop
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE
+from srl.runtime.profile.graph import Actuator, Graph
 
 HELD = 0.25  # s of being held, and of not being held, after which it is reported
 

@@ -1,7 +1,7 @@
 """The loop: read all -> check -> control -> guard -> write all -> append one row. No blocking I/O.
 
-`Loop.run` is the whole cycle. The steps are described in `runtime.loop.device`, `runtime.loop.cycle`,
-`runtime.loop.request_queue` and `runtime.ipc.ring`.
+`Loop.run` is the whole cycle. The steps are described in `srl.runtime.loop.device`, `srl.runtime.loop.cycle`,
+`srl.runtime.loop.request_queue` and `srl.runtime.ipc.ring`.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from runtime.ipc.requests import STATE_REQUESTS, Answer, RequestKind
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.words import CYCLE, Cause, Origin, State
-from runtime.loop.clock import Clock
-from runtime.loop.cycle import Cycle
-from runtime.loop.device import Device
-from runtime.loop.refusals import Refusals, described, refusal
-from runtime.loop.release import release
-from runtime.loop.request_queue import PendingRequest, RequestQueue
-from runtime.profile.graph import Graph
+from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, RequestKind
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.words import CYCLE, Cause, Origin, State
+from srl.runtime.loop.clock import Clock
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.refusals import Refusals, described, refusal
+from srl.runtime.loop.release import release
+from srl.runtime.loop.request_queue import PendingRequest, RequestQueue
+from srl.runtime.profile.graph import Graph
 
 _TICK = slice(CYCLE.cycle, CYCLE.wake + 1)  # cycle, now, dt, deadline, wake
 _READ, _CONTROL, _GUARD, _WRITE, _LOG = CYCLE.read, CYCLE.control, CYCLE.guard, CYCLE.write, CYCLE.log

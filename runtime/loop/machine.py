@@ -11,11 +11,11 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from runtime.contracts.signals import Stop
-from runtime.ipc import latches
-from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import Cause, Latch, Origin, State
-from runtime.profile.profile import EmergencyInput, Faults
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.requests import Answer, RequestKind
+from srl.runtime.ipc.words import Cause, Latch, Origin, State
+from srl.runtime.profile.profile import EmergencyInput, Faults
 
 # The reaction to a fault: one category for every actuator, or "stop" for each actuator's own.
 _OWN = "stop"

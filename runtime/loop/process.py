@@ -1,4 +1,4 @@
-"""The loop's process: `python -m runtime.loop RUN_FOLDER CHANNEL`, started by the supervisor.
+"""The loop's process: `python -m srl.runtime.loop RUN_FOLDER CHANNEL`, started by the supervisor.
 
 It opens the devices, passes the actuators' descriptors to the supervisor, becomes a real-time process, runs the
 loop, and releases the devices.
@@ -19,30 +19,30 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.errors import DeviceError, SrlError
-from runtime.contracts.files import Files, decoded
-from runtime.contracts.signals import Limits, Stop
-from runtime.contracts.world import Fake
-from runtime.ipc import latches, private_file
-from runtime.ipc.channel import Channel
-from runtime.ipc.child import Ending
-from runtime.ipc.events import EventWriter, Level
-from runtime.ipc.launch import Launch
-from runtime.ipc.notify import Notifier
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.stop_slots import StopSlots
-from runtime.ipc.words import CYCLE, Cause, State
-from runtime.loop import realtime
-from runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
-from runtime.loop.control_end import ControlEnd
-from runtime.loop.cycle import Cycle
-from runtime.loop.device import Device
-from runtime.loop.guards import limits_of
-from runtime.loop.loop import Loop
-from runtime.loop.request_queue import RequestQueue
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.contracts.errors import DeviceError, SrlError
+from srl.runtime.contracts.files import Files, decoded
+from srl.runtime.contracts.signals import Limits, Stop
+from srl.runtime.contracts.world import Fake
+from srl.runtime.ipc import latches, private_file
+from srl.runtime.ipc.channel import Channel
+from srl.runtime.ipc.child import Ending
+from srl.runtime.ipc.events import EventWriter, Level
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.notify import Notifier
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.stop_slots import StopSlots
+from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.loop import realtime
+from srl.runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.loop.loop import Loop
+from srl.runtime.loop.request_queue import RequestQueue
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 KEPT = 30  # s of rows that the ring holds: how long a recorder may be absent
 LEAST = 4096  # least number of rows in the ring

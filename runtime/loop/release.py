@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from runtime.contracts.signals import Stop
-from runtime.ipc.words import State
-from runtime.loop.cycle import Cycle, by_itself
-from runtime.loop.device import Device
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc.words import State
+from srl.runtime.loop.cycle import Cycle, by_itself
+from srl.runtime.loop.device import Device
 
 _STOPS = (State.STOPPING, State.STOPPED)  # named once: looking a member up takes longer than comparing it
 

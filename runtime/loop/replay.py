@@ -17,18 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from runtime.contracts import provenance
-from runtime.contracts.compiled import PYTHON, Backend, available
-from runtime.contracts.errors import ProfileError, RecordingError, WiringError
-from runtime.contracts.files import Files, decoded
-from runtime.contracts.signals import Limits
-from runtime.ipc import latches
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Origin
-from runtime.loop.cycle import Cycle
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.contracts import provenance
+from srl.runtime.contracts.compiled import PYTHON, Backend, available
+from srl.runtime.contracts.errors import ProfileError, RecordingError, WiringError
+from srl.runtime.contracts.files import Files, decoded
+from srl.runtime.contracts.signals import Limits
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Origin
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 _INPUT = ("state", "setpoint", "parameter", "truth")
 _SENT = "sent"  # the row has it after the cycle's writes, so it is an input of the next cycle

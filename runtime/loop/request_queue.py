@@ -16,14 +16,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from runtime.ipc import latches
-from runtime.ipc.control_socket import LIFETIME
-from runtime.ipc.requests import Answer, Request, RequestKind, RequestReader, permitted
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CLIENTS, DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
-from runtime.loop.control_end import ControlEnd, Datagram
-from runtime.loop.rate import TokenBucket
-from runtime.profile.graph import Graph
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.control_socket import LIFETIME
+from srl.runtime.ipc.requests import Answer, Request, RequestKind, RequestReader, permitted
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CLIENTS, DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
+from srl.runtime.loop.control_end import ControlEnd, Datagram
+from srl.runtime.loop.rate import TokenBucket
+from srl.runtime.profile.graph import Graph
 
 _MOVES = {"start": RequestKind.START, "reset": RequestKind.RESET}
 _CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # causes that the supervisor may give

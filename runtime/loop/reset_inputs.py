@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import isfinite
 
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, LINK_STALE
-from runtime.loop.rate import TokenBucket
-from runtime.profile.graph import Graph
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, LINK_STALE
+from srl.runtime.loop.rate import TokenBucket
+from srl.runtime.profile.graph import Graph
 
 RELEASED = 50_000_000  # ns for which it was released before a press counts: a contact that is let go bounces, too
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import acos, dist, pi, remainder
 from typing import Final
 
-from runtime.contracts.frames import are_pose
-from runtime.profile.graph import Sight
+from srl.runtime.contracts.frames import are_pose
+from srl.runtime.profile.graph import Sight
 
 TURNING: Final = 50.0  # rad/s: faster than a hand
 SPAN: Final = 0.05  # s: after a longer pause no more motion is believed than in this time

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.errors import RequestError, nearest
 
 HEADER = b"\x00\x01\x00\x00"
 LONGEST = 1 << 20  # bytes; a longer payload is refused

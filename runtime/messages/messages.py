@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RequestError
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.messages import cdr
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.messages import cdr
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
 

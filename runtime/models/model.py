@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 from pydantic import ConfigDict, ValidationError, ValidationInfo
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -24,15 +24,15 @@ from pydantic import (
     model_validator,
 )
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.per_element import Listed, in_order
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGER_JOINTS, JOINTS, MODEL_LENGTH, RANGES, hand_geometry
-from runtime.control.ikns.body import Body, Marker, Side, Vector, average
-from runtime.control.model import Model, made
-from runtime.control.robot_model import RobotModel
-from runtime.control.skeleton import arms as srl_arms
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.per_element import Listed, in_order
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, Marker, Side, Vector, average
+from srl.runtime.models.human_hand import FINGER_JOINTS, JOINTS, MODEL_LENGTH, RANGES, hand_geometry
+from srl.runtime.models.model import Model, made
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.skeleton import arms as srl_arms
 
 
 def _still_listed(given: Any, check: ValidatorFunctionWrapHandler) -> tuple[float, ...]:
@@ -117,7 +117,7 @@ def _plain_names(n: int) -> tuple[str, ...]:
 
 
 class HandModel(Model):
-    """A human hand of 20 joints (`runtime.control.hand.human_hand`), with its wearer's own ranges where they are known.
+    """A human hand of 20 joints (`srl.runtime.models.human_hand`), with its wearer's own ranges where they are known.
 
     Attributes:
         names: (20) of the joints.
@@ -181,7 +181,7 @@ class MarkerPlace(BaseModel):
 
 
 class BodyModel(Model):
-    """An upper body (`runtime.control.ikns.body`): an average adult, in which what was measured is replaced.
+    """An upper body (`srl.runtime.models.body`): an average adult, in which what was measured is replaced.
 
     Attributes:
         body: the description itself.
@@ -267,7 +267,7 @@ _JointOption = Annotated[ArmJointEntry, WithJsonSchema(ArmJointEntry.model_json_
 
 
 class ArmsModel(Model):
-    """Supernumerary arms on the body (`runtime.control.skeleton.arms`). The axes are the paper's, the sizes ours.
+    """Supernumerary arms on the body (`srl.runtime.models.skeleton.arms`). The axes are the paper's, the sizes ours.
 
     Attributes:
         arms: the description itself.

@@ -7,8 +7,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.control.shared.record_file import Name
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.models.record_file import Name
 
 FORMAT: Final = "srl-frame-1"
 

@@ -12,10 +12,10 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field, FiniteFloat, ValidationError
 
-from runtime.contracts import whole_file
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import SrlError
-from runtime.contracts.sealed import HASH, ChangedError, opened, sealed
+from srl.runtime.contracts import whole_file
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.sealed import HASH, ChangedError, opened, sealed
 
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Name = Annotated[str, Field(pattern=NAME)]

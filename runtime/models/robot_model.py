@@ -18,15 +18,15 @@ from pydantic import (
     model_validator,
 )
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.files import FileOption, KeptFile
-from runtime.contracts.per_element import Finite, Positive
-from runtime.contracts.rotation import Vector
-from runtime.control.model import Model, made
-from runtime.control.robots import ARMS, Capsule, RobotDescription
-from runtime.control.robots.urdf import tree
-from runtime.control.robots.urdf_arm import UrdfArm, read
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.per_element import Finite, Positive
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.models.model import Model, made
+from srl.runtime.models.robots import ARMS, Capsule, RobotDescription
+from srl.runtime.models.robots.urdf import tree
+from srl.runtime.models.robots.urdf_arm import UrdfArm, read
 
 
 class JointLimits(BaseModel):

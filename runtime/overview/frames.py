@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from math import isfinite
 from typing import Any
 
-from runtime.contracts.frames import IDENTITY, Placement
-from runtime.contracts.rotation import Pose, composed, euler, homogeneous
-from runtime.profile.graph import Graph
+from srl.runtime.contracts.frames import IDENTITY, Placement
+from srl.runtime.contracts.rotation import Pose, composed, euler, homogeneous
+from srl.runtime.profile.graph import Graph
 
 Item = dict[str, Any]
 _SHOWN = ("state", "setpoint", "internal", "command")

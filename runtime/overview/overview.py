@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.signals import Command, Kind, Limits, Signal
-from runtime.contracts.terms import FORCE, POINT, TWIST
-from runtime.guard.following import window_of
-from runtime.guard.limits import NAMES
-from runtime.profile import beginning
-from runtime.profile.connections import Connection, reading, transforms, untaken, writing
-from runtime.profile.following import monitored
-from runtime.profile.graph import Actuator, Graph, Law
-from runtime.profile.names import Link
-from runtime.profile.overview_frames import frames, models, parts
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.signals import Command, Kind, Limits, Signal
+from srl.runtime.contracts.terms import FORCE, POINT, TWIST
+from srl.runtime.guard.following import window_of
+from srl.runtime.guard.limits import NAMES
+from srl.runtime.overview.frames import frames, models, parts
+from srl.runtime.profile import beginning
+from srl.runtime.profile.connections import Connection, reading, transforms, untaken, writing
+from srl.runtime.profile.following import monitored
+from srl.runtime.profile.graph import Actuator, Graph, Law
+from srl.runtime.profile.names import Link
 
 Item = dict[str, Any]
 _STRAIGHT = {*POINT, *TWIST[:3], *FORCE}
@@ -34,7 +34,7 @@ def overview(graph: Graph, limits: Mapping[str, Limits]) -> Item:
 
     Args:
         graph: as it is wired.
-        limits: by command name, those of the guard (`runtime.loop.guards.limits_of`).
+        limits: by command name, those of the guard (`srl.runtime.loop.guards.limits_of`).
     """
     profile = graph.profile
     return {

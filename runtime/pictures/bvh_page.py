@@ -12,10 +12,10 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-from runtime.contracts.errors import RecordingError
-from runtime.recorder.chosen import chosen
-from runtime.recording.reader import Recording
-from runtime.recording.solids import Solids
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.pictures.chosen import chosen
+from srl.runtime.recording.reader import Recording
+from srl.runtime.recording.solids import Solids
 
 ACROSS, FRAMES = 92, 3  # letters of a line, frames of the motion; what is beyond them is left out
 FONT, LETTER, LINE = 7, 0.0625, 0.135  # points; inches of a letter and of a line

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from runtime.contracts.errors import RecordingError, nearest
-from runtime.recording.solids import Thing
+from srl.runtime.contracts.errors import RecordingError, nearest
+from srl.runtime.recording.solids import Thing
 
 
 def chosen(things: Sequence[Thing], show: Sequence[str]) -> dict[int, tuple[int, ...]]:

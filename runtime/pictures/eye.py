@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout, Words
-from runtime.recording.robots import StandingRobots
-from runtime.recording.shapes import Placing
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.shapes import Placing
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z). It suits a robot, too.
 DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])

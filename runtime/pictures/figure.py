@@ -15,13 +15,13 @@ import numpy as np
 from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Kind
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import Cause, State
-from runtime.profile.plots import Plot, command_plots, indices, profile_plots, split
-from runtime.recording.reader import Recording
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.profile.plots import Plot, command_plots, indices, profile_plots, split
+from srl.runtime.recording.reader import Recording
 
 # Okabe and Ito's colours, which everyone can tell apart. Yellow is left out, as it is faint on white.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7A5195", "#444444")

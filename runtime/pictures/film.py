@@ -8,11 +8,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.ipc.words import State
-from runtime.recorder.stills import Scene, legend, rows_at, title
-from runtime.recording.reader import Recording
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import State
+from srl.runtime.pictures.stills import Scene, legend, rows_at, title
+from srl.runtime.recording.reader import Recording
 
 SIZE = (4.0, 4.4)  # inches
 DOTS = 100  # per inch

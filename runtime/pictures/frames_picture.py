@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.rotation import Pose, composed, homogeneous
-from runtime.contracts.signals import Array
-from runtime.recorder.naming import HALO, write_names
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.rotation import Pose, composed, homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.pictures.naming import HALO, write_names
 
 Item = Mapping[str, Any]
 AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}

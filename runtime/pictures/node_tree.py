@@ -12,11 +12,11 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-from runtime.contracts.errors import RecordingError
-from runtime.recorder.chosen import chosen
-from runtime.recorder.figure import COLORS
-from runtime.recording.reader import Recording
-from runtime.recording.solids import Solids
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.pictures.chosen import chosen
+from srl.runtime.pictures.figure import COLORS
+from srl.runtime.recording.reader import Recording
+from srl.runtime.recording.solids import Solids
 
 FONT, LETTER = 7, 0.062  # points; inches of one letter in a box
 LEVEL = 0.4  # inches from a node to its children

@@ -14,9 +14,9 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-from runtime.contracts import whole_file
-from runtime.contracts.errors import RequestError
-from runtime.recorder import frames_picture, wiring_picture
+from srl.runtime.contracts import whole_file
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.pictures import frames_picture, wiring_picture
 
 EDGE, TOP, BELOW = 0.25, 0.5, 0.3  # inches around; for the title
 FRAMES, EACH, HEAD = 4.2, 2.6, 0.4  # inches: the frames' width; height of one drawing, at least; of its caption
@@ -26,7 +26,7 @@ STROKE = 0.05  # inches that a box's edge needs
 
 
 def draw_overview(overview: Mapping[str, Any], png: Path) -> None:
-    """Draws `runtime.profile.overview.overview`. Raises RequestError: the file can't be written."""
+    """Draws `srl.runtime.overview.overview.overview`. Raises RequestError: the file can't be written."""
     drawn = BytesIO()
     with mpl.rc_context({"text.parse_math": False}):  # a name with dollars is no formula
         _draw(overview, drawn)

@@ -17,16 +17,16 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError, nearest
-from runtime.contracts.signals import Array
-from runtime.ipc.words import State
-from runtime.recorder.chosen import chosen
-from runtime.recorder.eye import back_of
-from runtime.recorder.figure import COLORS
-from runtime.recorder.naming import write_names
-from runtime.recording.reader import Recording
-from runtime.recording.shapes import RAMP, distance_colors, visuals
-from runtime.recording.solids import Solids, Thing
+from srl.runtime.contracts.errors import RecordingError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import State
+from srl.runtime.pictures.chosen import chosen
+from srl.runtime.pictures.eye import back_of
+from srl.runtime.pictures.figure import COLORS
+from srl.runtime.pictures.naming import write_names
+from srl.runtime.recording.reader import Recording
+from srl.runtime.recording.shapes import RAMP, distance_colors, visuals
+from srl.runtime.recording.solids import Solids, Thing
 
 ACROSS = 5  # pictures in a row
 SIZE = (2.3, 3.1)  # inches of one among others

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 ROW, HEAD, NOTE = 0.165, 0.25, 0.14  # of a port, a title, a line of notes
 SLOT, APART = 0.10, 0.17  # height of an arrow that passes; between two boxes

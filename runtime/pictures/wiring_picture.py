@@ -12,8 +12,8 @@ from matplotlib.patches import FancyBboxPatch, PathPatch
 from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
-from runtime.recorder.figure import COLORS
-from runtime.recorder.wiring_layout import HEAD, NOTE, ROW, Arrow, Box, columns
+from srl.runtime.pictures.figure import COLORS
+from srl.runtime.pictures.wiring_layout import HEAD, NOTE, ROW, Arrow, Box, columns
 
 Item = Mapping[str, Any]
 FONT, TITLE, SMALL = 7.0, 7.5, 6.0  # points: ports, titles, notes
@@ -42,7 +42,7 @@ class Wiring:
 
 
 def laid_out(overview: Item) -> Wiring:
-    """Lays out the wiring of `runtime.profile.overview.overview`."""
+    """Lays out the wiring of `srl.runtime.overview.overview.overview`."""
     boxes, wires = _graph(overview)
     for box in boxes:
         box.width = _width(box)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from runtime.profile.graph import Graph
+from srl.runtime.profile.graph import Graph
 
 
 def start(graph: Graph) -> Literal["auto", "manual"]:

@@ -1,4 +1,4 @@
-"""The signals of one profile as they are collected: each step of `runtime.profile.wiring` adds its own.
+"""The signals of one profile as they are collected: each step of `srl.runtime.profile.wiring` adds its own.
 
 What is added is checked against what is there: one writer a signal, known frames; shapes, units and frames equal.
 """
@@ -10,15 +10,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.frames import FrameError, Frames
-from runtime.contracts.signals import Signal
-from runtime.control.models import context
-from runtime.ipc.layout import Layout
-from runtime.profile.calibrated_frames import placed
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source, first_error
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import ProfileError, WiringError, nearest
+from srl.runtime.contracts.frames import FrameError, Frames
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.models.models import context
+from srl.runtime.profile.calibrated_frames import placed
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source, first_error
 
 
 class Builder:

@@ -8,8 +8,8 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.tls import TlsConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.tls import TlsConfig
 
 _ENDPOINT = re.compile(r"^(?P<protocol>tcp|tls)/(?P<host>\[[0-9a-fA-F:]+\]|[^:/\[\]?#]+):(?P<port>\d{1,5})$")
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations
 
-from runtime.contracts.driver import EXTENDED, Driver, Traffic
-from runtime.contracts.errors import WiringError
-from runtime.profile.builder import Builder
+from srl.runtime.contracts.driver import EXTENDED, Driver, Traffic
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.profile.builder import Builder
 
 
 def check(b: Builder, devices: Sequence[Driver]) -> list[str]:

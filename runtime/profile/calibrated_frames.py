@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from runtime.contracts.errors import OptionError, ProfileError, SrlError, WiringError
-from runtime.contracts.files import KeptFile
-from runtime.contracts.frames import FrameEntry
-from runtime.contracts.signals import Signal
-from runtime.control.mount.record import FrameRecord
-from runtime.control.shared import record_file
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.runtime.contracts.errors import OptionError, ProfileError, SrlError, WiringError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.frames import FrameEntry
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.models import record_file
+from srl.runtime.models.mount_record import FrameRecord
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 Records = dict[str, FrameRecord]
 """By frame, what its file says."""

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from runtime.contracts.errors import ProfileError, nearest
-from runtime.profile.source import Source, written
+from srl.runtime.contracts.errors import ProfileError, nearest
+from srl.runtime.profile.source import Source, written
 
 SECTIONS = (
     "devices", "setpoints", "controllers", "guard", "frames", "models", "sim", "stop", "faults", "emergency", "reset",

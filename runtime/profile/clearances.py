@@ -6,17 +6,17 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from runtime.contracts import registry
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import OptionError, WiringError, nearest
-from runtime.contracts.per_element import in_order
-from runtime.contracts.signals import Command, Kind, Signal
-from runtime.profile import sides
-from runtime.profile.builder import Builder, form
-from runtime.profile.graph import Cleared, Law
-from runtime.profile.guard_entry import ClearEntry
-from runtime.profile.names import Link, link
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import OptionError, WiringError, nearest
+from srl.runtime.contracts.per_element import in_order
+from srl.runtime.contracts.signals import Command, Kind, Signal
+from srl.runtime.profile import sides
+from srl.runtime.profile.builder import Builder, form
+from srl.runtime.profile.graph import Cleared, Law
+from srl.runtime.profile.guard_entry import ClearEntry
+from srl.runtime.profile.names import Link, link
 
 MARGIN = "margin"  # the signal beside a command that has a clearance
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from runtime.contracts.field import Field
-from runtime.profile.builder import form
-from runtime.profile.graph import Graph
-from runtime.profile.names import Link
+from srl.runtime.contracts.field import Field
+from srl.runtime.profile.builder import form
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.names import Link
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from runtime.contracts import registry
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Command, Kind, Signal
-from runtime.profile import transforms
-from runtime.profile.builder import Builder, form
-from runtime.profile.graph import Law
-from runtime.profile.names import Link, link
-from runtime.profile.profile import ControllerEntry
-from runtime.profile.transforms import in_frames
-from runtime.profile.wire import To
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Command, Kind, Signal
+from srl.runtime.profile import transforms
+from srl.runtime.profile.builder import Builder, form
+from srl.runtime.profile.graph import Law
+from srl.runtime.profile.names import Link, link
+from srl.runtime.profile.profile import ControllerEntry
+from srl.runtime.profile.transforms import in_frames
+from srl.runtime.profile.wire import To
 
 # What a controller may give beside a command: the rate of a position, the gravity compensation that a torque contains.
 _COMPANIONS = {Kind.POSITION: "velocity", Kind.TORQUE: "gravity"}

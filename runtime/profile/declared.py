@@ -6,8 +6,8 @@ from math import inf
 
 import numpy as np
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array, Command, Signal
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Array, Command, Signal
 
 LONGEST_PERIOD = 0.25  # s between commands; a slower device can't be told from a stalled link in time
 

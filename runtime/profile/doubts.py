@@ -10,7 +10,7 @@ What the simulated world doubts of its options, such as a recording that doesn't
 
 Two devices at one port of this machine.
 
-What can't be right in a robot's URDF, and bounds of the guard beyond the URDF's (`runtime.profile.robots`).
+What can't be right in a robot's URDF, and bounds of the guard beyond the URDF's (`srl.runtime.profile.robots`).
 
 What a law doubts of its options at the profile's rate.
 
@@ -26,18 +26,18 @@ from typing import Any, Final
 
 from pydantic.fields import FieldInfo
 
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Command
-from runtime.contracts.world import World
-from runtime.control.models import ArmsModel, bodies
-from runtime.profile import robots
-from runtime.profile.graph import Law
-from runtime.profile.option_tree import items, options
-from runtime.profile.ports import shared
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Command
+from srl.runtime.contracts.world import World
+from srl.runtime.models.models import ArmsModel, bodies
+from srl.runtime.profile import robots
+from srl.runtime.profile.graph import Law
+from srl.runtime.profile.option_tree import items, options
+from srl.runtime.profile.ports import shared
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 TURN: Final = 2 * pi + 1e-3  # rad; a joint's range may be a turn both ways
 ROOM: Final = 20.0  # m

@@ -11,11 +11,11 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
-from runtime.contracts import yaml_text
-from runtime.contracts.errors import ProfileError
-from runtime.profile import profile
-from runtime.profile.overrides import plain_values, split, steps, value
-from runtime.profile.source import written
+from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.profile import profile
+from srl.runtime.profile.overrides import plain_values, split, steps, value
+from srl.runtime.profile.source import written
 
 _COMMENT: Final = re.compile(r"([^#\n\"']*?)( {2,})(?=#)")  # and what is before it on the line
 

@@ -7,9 +7,9 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Signal
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Signal
 
 
 class Element(BaseModel):

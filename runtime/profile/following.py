@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from runtime.contracts.signals import Array, Kind
-from runtime.profile.graph import Actuator, Graph
-from runtime.profile.guard_entry import FollowingEntry, GuardEntry
+from srl.runtime.contracts.signals import Array, Kind
+from srl.runtime.profile.graph import Actuator, Graph
+from srl.runtime.profile.guard_entry import FollowingEntry, GuardEntry
 
 
 def monitored(graph: Graph, actuator: Actuator) -> tuple[Array | None, float] | None:

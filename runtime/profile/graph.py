@@ -1,4 +1,4 @@
-"""The wired system: parts with views into one row, as `runtime.profile.wiring` builds it."""
+"""The wired system: parts with views into one row, as `srl.runtime.profile.wiring` builds it."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.controller import Controller
-from runtime.contracts.driver import Driver
-from runtime.contracts.frames import Frames, Measured
-from runtime.contracts.signals import Array, Command, Stop
-from runtime.contracts.world import World
-from runtime.ipc.layout import Layout
-from runtime.ipc.row import Row
-from runtime.profile.element import Element
-from runtime.profile.names import Link
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
-from runtime.profile.transforms import Found
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.frames import Frames, Measured
+from srl.runtime.contracts.signals import Array, Command, Stop
+from srl.runtime.contracts.world import World
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.row import Row
+from srl.runtime.profile.element import Element
+from srl.runtime.profile.names import Link
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
+from srl.runtime.profile.transforms import Found
 
 # Places among the row's float64 words, and the array of their values in another order. The index is made once, the
 # array isn't part of the row.

@@ -7,12 +7,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, WiringError
-from runtime.contracts.per_element import NotNegative, Positive, in_order
-from runtime.contracts.signals import Array, Command
-from runtime.guard.limits import GuardLimits
-from runtime.profile.wire import Input
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, WiringError
+from srl.runtime.contracts.per_element import NotNegative, Positive, in_order
+from srl.runtime.contracts.signals import Array, Command
+from srl.runtime.guard.limits import GuardLimits
+from srl.runtime.profile.wire import Input
 
 
 class ClearEntry(BaseModel):

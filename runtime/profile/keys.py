@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.errors import ProfileError
 
 COMMANDS = ("start", "stop", "reset")
 ROLES = ("observer", "operator", "engineer")  # of clients from the network; each may do what those before it may

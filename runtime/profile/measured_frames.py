@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.frames import FASTEST, IDENTITY, FrameEntry
-from runtime.contracts.terms import PLANAR, POSE
-from runtime.ipc.row import Row
-from runtime.profile.builder import Builder
-from runtime.profile.graph import Law, Sight
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.frames import FASTEST, IDENTITY, FrameEntry
+from srl.runtime.contracts.terms import PLANAR, POSE
+from srl.runtime.ipc.row import Row
+from srl.runtime.profile.builder import Builder
+from srl.runtime.profile.graph import Law, Sight
 
 
 def _measuring(laws: list[Law]) -> set[str]:

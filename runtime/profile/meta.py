@@ -6,20 +6,20 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from runtime.contracts import provenance
-from runtime.contracts.controller import Parameter
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import RecordingError, WiringError, nearest
-from runtime.contracts.files import encoded
-from runtime.contracts.frames import FrameEntry, Frames
-from runtime.contracts.rotation import inverted
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POSE
-from runtime.contracts.world import Fake
-from runtime.profile.graph import Law
-from runtime.profile.plots import indices, split
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.runtime.contracts import provenance
+from srl.runtime.contracts.controller import Parameter
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import RecordingError, WiringError, nearest
+from srl.runtime.contracts.files import encoded
+from srl.runtime.contracts.frames import FrameEntry, Frames
+from srl.runtime.contracts.rotation import inverted
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POSE
+from srl.runtime.contracts.world import Fake
+from srl.runtime.profile.graph import Law
+from srl.runtime.profile.plots import indices, split
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 
 def describe(

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Signal
-from runtime.ipc.layout import Layout
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.ipc.layout import Layout
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,15 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from runtime.contracts.clearance import Clearance
-from runtime.contracts.controller import Controller
-from runtime.contracts.driver import Driver
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.files import KeptFile
-from runtime.contracts.per_element import Listed
-from runtime.contracts.world import Fake, World
-from runtime.control.models import Model
-from runtime.profile.profile import Profile
+from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.per_element import Listed
+from srl.runtime.contracts.world import Fake, World
+from srl.runtime.models.models import Model
+from srl.runtime.profile.profile import Profile
 
 
 def options(

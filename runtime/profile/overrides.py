@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from ruamel.yaml.error import YAMLError
 
-from runtime.contracts import yaml_text
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.files import Typed
+from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.files import Typed
 
 _DEEP: Final = 64  # parts of a key path
 

@@ -10,10 +10,10 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from runtime.contracts.files import Files, Typed
-from runtime.profile import profile
-from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source, written
+from srl.runtime.contracts.files import Files, Typed
+from srl.runtime.profile import profile
+from srl.runtime.profile.profile import ControllerEntry, Profile
+from srl.runtime.profile.source import Source, written
 
 
 def frames_left(

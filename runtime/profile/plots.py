@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import RecordingError, nearest
-from runtime.contracts.field import Field as RowField
-from runtime.contracts.signals import Array, Signal
-from runtime.ipc.layout import Layout
-from runtime.recording.elements import elements
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import RecordingError, nearest
+from srl.runtime.contracts.field import Field as RowField
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.elements import elements
 
 _REFERENCE = r"^([A-Za-z0-9_.\-]+)(?:\[([^,\[\]]+(?:,[^,\[\]]+)*)\])?$"
 Reference = Annotated[str, StringConstraints(pattern=_REFERENCE)]

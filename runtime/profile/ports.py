@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 
-from runtime.contracts.driver import Driver
+from srl.runtime.contracts.driver import Driver
 
 
 def local_path(port: str) -> str | None:

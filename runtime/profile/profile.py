@@ -1,6 +1,6 @@
 """A profile: one YAML file that describes how a system is wired. It is read and checked for form, never executed.
 
-`runtime.profile.wiring` checks whether the parts that it names exist and fit together.
+`srl.runtime.profile.wiring` checks whether the parts that it names exist and fit together.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
-from runtime.contracts import yaml_text
-from runtime.contracts.compiled import Backend
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, ProfileError, nearest
-from runtime.contracts.files import Files, read_regular
-from runtime.contracts.frames import FrameEntry
-from runtime.contracts.signals import Stop
-from runtime.control.models import KINDS, Model, of_entry
-from runtime.profile import shelf
-from runtime.profile.bus import BusConfig
-from runtime.profile.choices import Choices, merge
-from runtime.profile.element import Element
-from runtime.profile.guard_entry import GuardEntry
-from runtime.profile.overrides import apply as apply_override
-from runtime.profile.overrides import plain_values
-from runtime.profile.pictured import RobotEntry
-from runtime.profile.plots import Plot
-from runtime.profile.reset import ResetConfig
-from runtime.profile.source import Source, first_error
-from runtime.profile.wire import Input, Output
+from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts.compiled import Backend
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, ProfileError, nearest
+from srl.runtime.contracts.files import Files, read_regular
+from srl.runtime.contracts.frames import FrameEntry
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.models.models import KINDS, Model, of_entry
+from srl.runtime.profile import shelf
+from srl.runtime.profile.bus import BusConfig
+from srl.runtime.profile.choices import Choices, merge
+from srl.runtime.profile.element import Element
+from srl.runtime.profile.guard_entry import GuardEntry
+from srl.runtime.profile.overrides import apply as apply_override
+from srl.runtime.profile.overrides import plain_values
+from srl.runtime.profile.pictured import RobotEntry
+from srl.runtime.profile.plots import Plot
+from srl.runtime.profile.reset import ResetConfig
+from srl.runtime.profile.source import Source, first_error
+from srl.runtime.profile.wire import Input, Output
 
 SLUG = r"^[a-z][a-z0-9_-]*$"
 SIGNAL = r"^[a-z][a-z0-9_-]*(\.[a-z][a-z0-9_-]*)+$"

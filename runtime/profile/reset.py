@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field, field_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.ipc import latches
-from runtime.profile.element import Element
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.ipc import latches
+from srl.runtime.profile.element import Element
 
 
 class ResetInput(Element):

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from pydantic.fields import FieldInfo
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.signals import Command, Kind
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots import ARMS, RobotDescription
-from runtime.profile.profile import Profile
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.signals import Command, Kind
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots import ARMS, RobotDescription
+from srl.runtime.profile.profile import Profile
 
 _BOUNDS = (
     ("lower", "q_lower", -1.0),

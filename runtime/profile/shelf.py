@@ -12,7 +12,9 @@ _PLAIN = re.compile(r"(?!.*(: | #))[A-Za-z].*[ ].*")  # a YAML scalar that is ju
 
 def files() -> dict[str, Traversable]:
     """The profiles' files by name."""
-    return {p.name.removesuffix(".yaml"): p for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")}
+    return {
+        p.name.removesuffix(".yaml"): p for p in resources.files("srl.profiles").iterdir() if p.name.endswith(".yaml")
+    }
 
 
 def shipped() -> list[str]:

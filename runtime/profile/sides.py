@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from runtime.contracts.errors import WiringError
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.arms import SIDES, Side
-from runtime.profile.builder import Builder
-from runtime.profile.graph import Cleared, Law
-from runtime.profile.names import Link
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.models.models import ArmsModel
+from srl.runtime.models.skeleton.arms import SIDES, Side
+from srl.runtime.profile.builder import Builder
+from srl.runtime.profile.graph import Cleared, Law
+from srl.runtime.profile.names import Link
 
 
 def compare(b: Builder, commands: Iterable[str], laws: Iterable[Law], made: Mapping[str, Cleared]) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, ProfileError, nearest
-from runtime.contracts.files import Files
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, ProfileError, nearest
+from srl.runtime.contracts.files import Files
 
 
 @dataclass(frozen=True)

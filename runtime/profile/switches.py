@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import WiringError
-from runtime.profile.builder import Builder
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.profile.builder import Builder
 
 
 def check(b: Builder, devices: list[Driver]) -> None:

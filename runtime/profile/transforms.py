@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from runtime.contracts.controller import Controller
-from runtime.contracts.errors import WiringError
-from runtime.contracts.frames import FrameError, Path
-from runtime.contracts.rotation import Pose
-from runtime.contracts.signals import Signal
-from runtime.contracts.transforms import Place, Transform
-from runtime.profile.builder import Builder
-from runtime.profile.names import Link
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.frames import FrameError, Path
+from srl.runtime.contracts.rotation import Pose
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.transforms import Place, Transform
+from srl.runtime.profile.builder import Builder
+from srl.runtime.profile.names import Link
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
-from runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.entry import BaseModel
 
 
 class Wire(BaseModel):

@@ -12,35 +12,35 @@ from dataclasses import replace
 
 import numpy as np
 
-from runtime.contracts import registry
-from runtime.contracts.controller import Parameter
-from runtime.contracts.driver import Driver, Sensor
-from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.frames import Measured
-from runtime.contracts.signals import Array, Command, Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
-from runtime.contracts.world import World
-from runtime.ipc.row import Row
-from runtime.ipc.stop_slots import SLOTS
-from runtime.profile import buses, calibrated_frames, clearances, controllers, keys, measured_frames, switches
-from runtime.profile.builder import Builder
-from runtime.profile.declared import check_command, check_range
-from runtime.profile.doubts import doubts
-from runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
-from runtime.profile.meta import describe
-from runtime.profile.names import Link, link
-from runtime.profile.pictured import pictured, with_a_place
-from runtime.profile.profile import SPANS, Profile
-from runtime.profile.robots import remarks as robot_remarks
-from runtime.profile.source import Source
-from runtime.profile.transforms import Found
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Parameter
+from srl.runtime.contracts.driver import Driver, Sensor
+from srl.runtime.contracts.errors import ProfileError, WiringError, nearest
+from srl.runtime.contracts.frames import Measured
+from srl.runtime.contracts.signals import Array, Command, Signal
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
+from srl.runtime.contracts.world import World
+from srl.runtime.ipc.row import Row
+from srl.runtime.ipc.stop_slots import SLOTS
+from srl.runtime.profile import buses, calibrated_frames, clearances, controllers, keys, measured_frames, switches
+from srl.runtime.profile.builder import Builder
+from srl.runtime.profile.declared import check_command, check_range
+from srl.runtime.profile.doubts import doubts
+from srl.runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
+from srl.runtime.profile.meta import describe
+from srl.runtime.profile.names import Link, link
+from srl.runtime.profile.pictured import pictured, with_a_place
+from srl.runtime.profile.profile import SPANS, Profile
+from srl.runtime.profile.robots import remarks as robot_remarks
+from srl.runtime.profile.source import Source
+from srl.runtime.profile.transforms import Found
 
 
 def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) -> Graph:
     """Builds and checks the whole system. Opens nothing.
 
     Args:
-        profile: the profile from `runtime.profile.profile.load`.
+        profile: the profile from `srl.runtime.profile.profile.load`.
         source: its source, from the same function.
         sim: devices to simulate; empty for all; None for none.
     Raises:

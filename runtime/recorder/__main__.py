@@ -1,4 +1,4 @@
-"""`python -m runtime.recorder RUN_FOLDER --out FILE.rrd`.
+"""`python -m srl.runtime.recorder RUN_FOLDER --out FILE.rrd`.
 
 The supervisor starts it, and starts it again with the same arguments if it dies.
 
@@ -13,20 +13,20 @@ import os
 import sys
 from pathlib import Path
 
-from runtime.contracts.errors import SrlError
-from runtime.ipc.child import Ending
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.ipc.child import Ending
 
 
 def main() -> int:
     """Runs the recorder. Told to end, even before it has begun, it saves what there is."""
     ending = Ending(interrupt=True)  # before the imports that take long
-    parser = argparse.ArgumentParser(prog="python -m runtime.recorder")
+    parser = argparse.ArgumentParser(prog="python -m srl.runtime.recorder")
     parser.add_argument("run_folder", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     try:
-        from runtime.ipc.run_folder import RunFolder
-        from runtime.recorder.process import Recorder
+        from srl.runtime.ipc.run_folder import RunFolder
+        from srl.runtime.recorder.process import Recorder
 
         return Recorder(RunFolder(options.run_folder), options.out, ending).run()
     except SrlError as error:

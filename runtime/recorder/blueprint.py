@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
-from runtime.ipc.layout import Layout, Words
-from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots
-from runtime.recorder.eye import look
-from runtime.recorder.scene import plot_path
-from runtime.recording.columns import entity
-from runtime.recording.format import EVENTS
-from runtime.recording.robots import StandingRobots
-from runtime.recording.shapes import visuals
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.pictures.eye import look
+from srl.runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots
+from srl.runtime.recorder.scene import plot_path
+from srl.runtime.recording.columns import entity
+from srl.runtime.recording.format import EVENTS
+from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.shapes import visuals
 
 NAMED, FEW = 5, 3  # curves in one view that its legend names, and in a low one
 STACKED = 5  # views of curves in one column; more go side by side

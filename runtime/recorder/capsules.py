@@ -8,10 +8,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from runtime.contracts import rotation
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.recording.shapes import distance_colors
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.recording.shapes import distance_colors
 
 WIRE, GAP = 0.0015, 0.003  # m, radii of a capsule's wires, and of the line across a gap
 

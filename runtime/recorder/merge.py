@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.events import Event
-from runtime.ipc.layout import Words
-from runtime.recorder.stream import Stream
-from runtime.recording.framing import HEADER, strip, whole
-from runtime.recording.segments import GROWING, append, folder_of, is_at, numbered, write_again
-from runtime.recording.source import Source, last_row
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.events import Event
+from srl.runtime.ipc.layout import Words
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recording.framing import HEADER, strip, whole
+from srl.runtime.recording.segments import GROWING, append, folder_of, is_at, numbered, write_again
+from srl.runtime.recording.source import Source, last_row
 
 _TOGETHER = 2  # segments that become one piece, if so many wait: the more at once, the less time each takes
 _AT_THE_END = 8

@@ -12,19 +12,19 @@ import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.child import FINAL, Ending
-from runtime.ipc.control_socket import NOTES, send_note
-from runtime.ipc.run_folder import RunFolder
-from runtime.recorder.merge import Merger
-from runtime.recorder.stream import Stream
-from runtime.recorder.tail import Tail
-from runtime.recording.framing import HEADER, strip
-from runtime.recording.keep import LEDGER, Keep, make_room
-from runtime.recording.reader import check_run
-from runtime.recording.segments import Segments, check_target, claim, folder_of, listed
-from runtime.recording.source import Source
-from runtime.recording.summary import persons
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.child import FINAL, Ending
+from srl.runtime.ipc.control_socket import NOTES, send_note
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.recorder.merge import Merger
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recorder.tail import Tail
+from srl.runtime.recording.framing import HEADER, strip
+from srl.runtime.recording.keep import LEDGER, Keep, make_room
+from srl.runtime.recording.reader import check_run
+from srl.runtime.recording.segments import Segments, check_target, claim, folder_of, listed
+from srl.runtime.recording.source import Source
+from srl.runtime.recording.summary import persons
 
 RETRY = 0.5  # s between attempts to write to a full disk
 LOOK = 60.0  # s between looks at what the folder needn't keep

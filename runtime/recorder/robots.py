@@ -14,11 +14,11 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.recorder.solid_shapes import solid_shapes
-from runtime.recording.robots import Robot, robots
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recorder.solid_shapes import solid_shapes
+from srl.runtime.recording.robots import Robot, robots
 
 TF: Final = "/tf"
 ROOT: Final = "tf#/"  # rerun's own name of the frame of "/"

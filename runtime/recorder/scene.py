@@ -15,18 +15,18 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
-from runtime.contracts.field import Field
-from runtime.contracts.frames import as_pose
-from runtime.contracts.linkage import Solid
-from runtime.contracts.rotation import homogeneous
-from runtime.ipc.layout import Words
-from runtime.ipc.words import Cause, State
-from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots, series_names
-from runtime.recorder.capsules import capsule_columns, capsule_look
-from runtime.recorder.robots import ROOT, Moves, RobotShapes
-from runtime.recorder.solid_shapes import solid_shapes
-from runtime.recording.columns import ArrowBatch, Columns, entity, rounded
-from runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.frames import as_pose
+from srl.runtime.contracts.linkage import Solid
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.ipc.layout import Words
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots, series_names
+from srl.runtime.recorder.capsules import capsule_columns, capsule_look
+from srl.runtime.recorder.robots import ROOT, Moves, RobotShapes
+from srl.runtime.recorder.solid_shapes import solid_shapes
+from srl.runtime.recording.columns import ArrowBatch, Columns, entity, rounded
+from srl.runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
 
 VIEW_RATE = 30.0  # Hz of the loop's clock
 PHASES = ("read", "control", "guard", "write", "log")

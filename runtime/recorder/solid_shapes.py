@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from runtime.contracts import rotation
-from runtime.contracts.linkage import Solid
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.linkage import Solid
 
 
 def solid_shapes(solids: Sequence[Solid]) -> list[tuple[str, Any]]:

@@ -13,13 +13,13 @@ os.environ.pop("RERUN", None)  # with RERUN=off the recorder would record nothin
 import pyarrow as pa
 import rerun as rr
 
-from runtime.ipc.events import Event
-from runtime.ipc.layout import Layout, Words
-from runtime.recorder import blueprint
-from runtime.recorder.scene import Scene, Thinned
-from runtime.recording.blocks import MOST, kin, pack
-from runtime.recording.columns import ROW, ArrowBatch, Columns
-from runtime.recording.format import APPLICATION, BLOCK, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY, ROWS
+from srl.runtime.ipc.events import Event
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.recorder import blueprint
+from srl.runtime.recorder.scene import Scene, Thinned
+from srl.runtime.recording.blocks import MOST, kin, pack
+from srl.runtime.recording.columns import ROW, ArrowBatch, Columns
+from srl.runtime.recording.format import APPLICATION, BLOCK, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY, ROWS
 
 
 def recording_id(text: str) -> str:

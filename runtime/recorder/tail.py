@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc import private_file
-from runtime.ipc.child import Ending
-from runtime.ipc.events import Event, EventReader
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc import private_file
+from srl.runtime.ipc.child import Ending
+from srl.runtime.ipc.events import Event, EventReader
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
 
 BATCH = 4096  # rows at once, at most
 FLUSH = 0.2  # s between batches, at most

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pcodec import ChunkConfig, DeltaSpec, ModeSpec, standalone
 
-from runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.layout import Layout, Words
 
 MOST = 1 << 14  # rows in a block: what a reader holds at once
 VERSION = 1

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.field import Field
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, QUATERNION, TWIST, WRENCH
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, QUATERNION, TWIST, WRENCH
 
 # Of a unit for two quantities ("N, N m"), which one each name has.
 _SECOND: Final = {

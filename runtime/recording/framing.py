@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.errors import RecordingError
 
 HEADER = 12
 _MAGIC = b"RRF2"

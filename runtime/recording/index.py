@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.run_folder import RunFolder
-from runtime.recording.segments import listed
-from runtime.recording.summary import Summary, summarize
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.recording.segments import listed
+from srl.runtime.recording.summary import Summary, summarize
 
 NAME: Final = ".srl-recordings.sqlite"
 VERSION: Final = 2  # of the table and of what a summary says

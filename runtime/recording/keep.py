@@ -18,12 +18,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.layout import Layout
-from runtime.recording.index import Entry, delete, made_of, stamped
-from runtime.recording.segments import ENDING
-from runtime.recording.source import Source
-from runtime.recording.summary import Summary, persons
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.index import Entry, delete, made_of, stamped
+from srl.runtime.recording.segments import ENDING
+from srl.runtime.recording.source import Source
+from srl.runtime.recording.summary import Summary, persons
 
 LEDGER: Final = ".srl-deleted.jsonl"
 _RESERVE: Final = 1 << 16  # bytes of disk space that the ledger has at least beyond its end

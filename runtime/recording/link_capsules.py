@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.linkage import Linkage, Solid
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
-from runtime.contracts.terms import CAPSULE
+from srl.runtime.contracts.linkage import Linkage, Solid
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.terms import CAPSULE
 
 _MOST: Final = 6  # side by side
 

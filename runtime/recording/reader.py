@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.field import Field
-from runtime.ipc.events import Event, EventReader
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.ring import RingReader
-from runtime.ipc.words import LINK_CONNECTED
-from runtime.recording.segments import folder_of, listed
-from runtime.recording.source import Source, gaps
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.field import Field
+from srl.runtime.ipc.events import Event, EventReader
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.words import LINK_CONNECTED
+from srl.runtime.recording.segments import folder_of, listed
+from srl.runtime.recording.source import Source, gaps
 
 
 @dataclass

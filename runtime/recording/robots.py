@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.linkage import Linkage
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.recording.shapes import Placing
+from srl.runtime.contracts.linkage import Linkage
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.shapes import Placing
 
 
 @dataclass(frozen=True)

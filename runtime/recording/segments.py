@@ -13,7 +13,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.errors import RecordingError
 
 ENDING = ".segments"
 GROWING = "000000.rrd"

@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.field import Field
-from runtime.contracts.frames import FrameEntry, as_pose
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
-from runtime.contracts.terms import CAPSULE, GAP
-from runtime.ipc.layout import Layout
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.frames import FrameEntry, as_pose
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.terms import CAPSULE, GAP
+from srl.runtime.ipc.layout import Layout
 
 Colors = NDArray[np.uint8]
 Color = tuple[int, int, int]

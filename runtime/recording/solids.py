@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.recording.link_capsules import link_capsules
-from runtime.recording.robots import StandingRobots
-from runtime.recording.shapes import JOINTED, Placing, color_numbers, visuals
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.link_capsules import link_capsules
+from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.shapes import JOINTED, Placing, color_numbers, visuals
 
 THICK: Final = {"points": (0.004, 0.0025), "skeleton": (0.009, 0.006), "robot": (0.03, 0.02)}  # m, radii: point, link
 GAP, ARROW, DOT = 0.003, 0.008, 0.012  # m, radii

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
-from runtime.recording.framing import HEADER, MESSAGE, walk
+from srl.runtime.recording.framing import HEADER, MESSAGE, walk
 
 DATA: Final = 2  # the kind
 _COMPRESSION, _SIZE, _PAYLOAD = 2, 3, 5

@@ -16,12 +16,12 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.events import Event
-from runtime.ipc.layout import Layout, Words
-from runtime.recording.blocks import unpack
-from runtime.recording.columns import ROW, Assembler, Columns
-from runtime.recording.format import (
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.events import Event
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.recording.blocks import unpack
+from srl.runtime.recording.columns import ROW, Assembler, Columns
+from srl.runtime.recording.format import (
     APPLICATION,
     BLOCK,
     COLUMNS_ONLY,
@@ -34,9 +34,9 @@ from runtime.recording.format import (
     PROPERTY,
     ROWS,
 )
-from runtime.recording.framing import Window, whole, windows
-from runtime.recording.segments import ENDING, listed
-from runtime.recording.sound import sound
+from srl.runtime.recording.framing import Window, whole, windows
+from srl.runtime.recording.segments import ENDING, listed
+from srl.runtime.recording.sound import sound
 
 _MUCH = 64 << 20  # bytes of columns before rows are made of them
 _TAIL = 64 << 20  # bytes at a file's end that hold its last rows

@@ -15,15 +15,15 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml.error import YAMLError
 
-from runtime.contracts import yaml_text
-from runtime.contracts.errors import RecordingError, SrlError
-from runtime.contracts.file_says import file_says
-from runtime.contracts.files import decoded
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.words import Cause, State
-from runtime.recording.reader import read
-from runtime.recording.segments import folder_of, listed
-from runtime.recording.source import Source
+from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts.errors import RecordingError, SrlError
+from srl.runtime.contracts.file_says import file_says
+from srl.runtime.contracts.files import decoded
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.segments import folder_of, listed
+from srl.runtime.recording.source import Source
 
 NO_FAULT: Final = (Cause.NONE, Cause.REQUEST, Cause.END)
 _MOVING: Final = (State.ACTIVE, State.HOMING)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from runtime.ipc.stop_slots import StopSlots
+from srl.runtime.ipc.stop_slots import StopSlots
 
 PATIENCE = 0.2  # s in which the actuators must have taken their frames
 

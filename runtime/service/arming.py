@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from runtime.profile import beginning
-from runtime.profile.graph import Graph
+from srl.runtime.profile import beginning
+from srl.runtime.profile.graph import Graph
 
 
 def automatic(graph: Graph, confirmed: bool) -> tuple[bool, str]:

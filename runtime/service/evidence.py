@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping
 from itertools import count
 from pathlib import Path
 
-from runtime.contracts.errors import HostError, SrlError
-from runtime.ipc import private_file
-from runtime.ipc.launch import Launch
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.contracts.errors import HostError, SrlError
+from srl.runtime.ipc import private_file
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
 
 
 def save(state: Path, contents: Mapping[str, bytes | memoryview | Path]) -> Path:

@@ -9,8 +9,8 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from runtime.ipc.child import FINAL, PARENT, starting
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.child import FINAL, PARENT, starting
+from srl.runtime.ipc.run_folder import RunFolder
 
 BACKOFF = (0.0, 0.0, 0.2, 1.0, 5.0)  # s before the first, second, ... restart within a minute
 ATTEMPTS = 3  # to finish a recording
@@ -115,10 +115,10 @@ def helpers(run_folder: RunFolder, bus: bool, record: Path | None, view: bool) -
     """The telemetry processes of a run."""
     found = []
     if bus:
-        found.append(Helper("bus", [sys.executable, "-m", "runtime.bus", str(run_folder.path)]))
+        found.append(Helper("bus", [sys.executable, "-m", "srl.runtime.bus", str(run_folder.path)]))
     if record is not None:
-        command = [sys.executable, "-m", "runtime.recorder", str(run_folder.path), "--out", str(record)]
+        command = [sys.executable, "-m", "srl.runtime.recorder", str(run_folder.path), "--out", str(record)]
         found.append(Helper("recorder", command, keeps=True))
     if view:
-        found.append(Helper("viewer", [sys.executable, "-m", "runtime.viewing", str(run_folder.path)]))
+        found.append(Helper("viewer", [sys.executable, "-m", "srl.runtime.web.viewing", str(run_folder.path)]))
     return found

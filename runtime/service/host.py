@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
-from runtime.service.fitness import can, network, processor, serial, storage, unit
-from runtime.service.fitness.finding import Finding
+from srl.runtime.service.fitness import can, network, processor, serial, storage, unit
+from srl.runtime.service.fitness.finding import Finding
 
 
 @dataclass(frozen=True)

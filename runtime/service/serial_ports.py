@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from runtime.contracts import registry
-from runtime.contracts.errors import SrlError
-from runtime.profile.ports import local_path
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.profile.ports import local_path
 
 BY_ID, BY_PATH = "/dev/serial/by-id", "/dev/serial/by-path"
 LOCKS = Path("/proc/locks")  # of every process

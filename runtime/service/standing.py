@@ -12,10 +12,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from runtime.contracts.errors import HostError
-from runtime.ipc import latches
-from runtime.ipc.ring import RingReader
-from runtime.ipc.words import CYCLE, Latch
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.words import CYCLE, Latch
 
 _NAME = "latches.json"
 _OLD = "running"  # the mark of srl 0.1.0: a run that didn't end well

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.ipc import latches
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.ipc.words import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.words import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
 
 WELL = (Cause.NONE, Cause.REQUEST, Cause.END, Cause.RESTART)  # causes of a stop in which a run may end well
 PHASES = ("read", "control", "guard", "write", "log")

@@ -22,23 +22,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from runtime.contracts.errors import DeviceError, HostError, SrlError
-from runtime.ipc import private_file
-from runtime.ipc.channel import Channel
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.events import EventReader
-from runtime.ipc.launch import Launch
-from runtime.ipc.layout import Layout
-from runtime.ipc.notify import Notifier
-from runtime.ipc.requests import RequestWriter
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.stop_slots import StopSlots
-from runtime.loop import realtime
-from runtime.service import evidence
-from runtime.service.actuators import Actuators
-from runtime.service.dying import Dying
-from runtime.service.helpers import Helper, spawn
+from srl.runtime.contracts.errors import DeviceError, HostError, SrlError
+from srl.runtime.ipc import private_file
+from srl.runtime.ipc.channel import Channel
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.events import EventReader
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.notify import Notifier
+from srl.runtime.ipc.requests import RequestWriter
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.stop_slots import StopSlots
+from srl.runtime.loop import realtime
+from srl.runtime.service import evidence
+from srl.runtime.service.actuators import Actuators
+from srl.runtime.service.dying import Dying
+from srl.runtime.service.helpers import Helper, spawn
 
 POLL = 0.005  # s between two checks of the loop's sign of life
 HUNG = 100_000_000  # ns without a sign of life, plus two periods, after which the loop counts as hung
@@ -104,7 +104,7 @@ class Supervisor:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.channel = Channel(ours)
         end = theirs.fileno()
-        command = [sys.executable, "-m", "runtime.loop", str(run_folder.path), str(end)]
+        command = [sys.executable, "-m", "srl.runtime.loop", str(run_folder.path), str(end)]
         self.loop = spawn(command, run_folder, end)
         self._dying = Dying(self.loop.pid)
         theirs.close()

@@ -7,9 +7,9 @@ from typing import TypeVar, overload
 
 import numpy as np
 
-from runtime.contracts.controller import Controller
-from runtime.contracts.driver import Driver
-from runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.frames import IDENTITY
 
 D = TypeVar("D", bound=Driver)
 C = TypeVar("C", bound=Controller)

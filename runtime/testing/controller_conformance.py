@@ -14,9 +14,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Array
-from runtime.testing import controller_rules
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array
+from srl.runtime.testing import controller_rules
 
 Values = Mapping[str, Sequence[float] | Array]
 _NONE: Values = MappingProxyType({})

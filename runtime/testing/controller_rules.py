@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array
 
 Values = Mapping[str, Array]
 STEPS = 100

@@ -12,18 +12,18 @@ from __future__ import annotations
 import json
 from unittest import SkipTest
 
-from runtime.contracts import registry
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import RequestError
-from runtime.contracts.world import Fake, World
-from runtime.profile import wiring
-from runtime.profile.graph import Graph
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
-from runtime.testing import driver_rules, fake_rules, twin_rules
-from runtime.testing.bound import bound
-from runtime.testing.given import Given, driver_of, read
-from runtime.testing.twin_bench import TwinBench
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.world import Fake, World
+from srl.runtime.profile import wiring
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
+from srl.runtime.testing import driver_rules, fake_rules, twin_rules
+from srl.runtime.testing.bound import bound
+from srl.runtime.testing.given import Given, driver_of, read
+from srl.runtime.testing.twin_bench import TwinBench
 
 
 class DriverConformance:

@@ -9,11 +9,11 @@ import re
 import time
 from collections.abc import Callable
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
-from runtime.contracts.terms import POSITION_OF
-from runtime.testing.bound import bound
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.contracts.terms import POSITION_OF
+from srl.runtime.testing.bound import bound
 
 
 def describes_itself(driver: Driver) -> None:

@@ -9,10 +9,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
-from runtime.contracts.world import Fake, World
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.contracts.world import Fake, World
 
 STEP = 10_000_000  # ns of world time between two cycles
 STEPS = 80

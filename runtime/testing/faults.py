@@ -12,8 +12,8 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError, RequestError, nearest
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, RequestError, nearest
 
 FAULTS = {
     "silent": "it is connected and nothing comes any more: the newest sample grows old",

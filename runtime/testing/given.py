@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from runtime.contracts.errors import ProfileError, nearest
-from runtime.profile import profile
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.runtime.contracts.errors import ProfileError, nearest
+from srl.runtime.profile import profile
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 Given = str | Path | Mapping[str, Any]
 

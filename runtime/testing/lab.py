@@ -12,16 +12,16 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RequestError, nearest
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import wiring
-from runtime.profile.plots import element_names, pick, split
-from runtime.testing.faults import FaultyDevice
-from runtime.testing.given import Given, read
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import wiring
+from srl.runtime.profile.plots import element_names, pick, split
+from srl.runtime.testing.faults import FaultyDevice
+from srl.runtime.testing.given import Given, read
 
 MOST = 30.0  # s of world time that `until` waits
 
@@ -205,7 +205,7 @@ class Lab:
 
         Args:
             device: its name in the profile.
-            kind: one of `runtime.testing.faults.FAULTS`, such as "silent".
+            kind: one of `srl.runtime.testing.faults.FAULTS`, such as "silent".
             by: s, of "late" and "clock-jump".
         Raises:
             RequestError: there is no such device or fault, or this device can't have it.

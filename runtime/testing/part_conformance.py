@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-from runtime.contracts import registry
-from runtime.contracts.world import World
-from runtime.testing import part_rules
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.world import World
+from srl.runtime.testing import part_rules
 
 NAME = "tested"
 _NONE: Mapping[str, Any] = MappingProxyType({})

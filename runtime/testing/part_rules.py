@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.contracts.signals import Signal
-from runtime.contracts.world import World
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.world import World
 
 TIMES = tuple(range(5_000_000, 500_000_001, 5_000_000))  # ns
 UNTOUCHED = 1e300  # in every element of the truth, before the first advance

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from runtime.testing.lab import Lab
+    from srl.runtime.testing.lab import Lab
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def srl_run() -> Iterator[Callable[..., Lab]]:
     begun: list[Lab] = []
 
     def begin(given: object, *overrides: str) -> Lab:
-        from runtime.testing.lab import Lab
+        from srl.runtime.testing.lab import Lab
 
         begun.append(Lab(given, overrides))  # type: ignore[arg-type]
         return begun[-1]

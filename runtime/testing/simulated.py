@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import State
-from runtime.testing.given import Given
-from runtime.testing.lab import Lab
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import State
+from srl.runtime.testing.given import Given
+from srl.runtime.testing.lab import Lab
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Self
 
-from runtime.contracts import registry
-from runtime.contracts.world import Twin
-from runtime.profile import wiring
-from runtime.testing.given import Given, driver_of, read
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.world import Twin
+from srl.runtime.profile import wiring
+from srl.runtime.testing.given import Given, driver_of, read
 
 
 class TwinBench:

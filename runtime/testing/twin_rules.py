@@ -12,9 +12,9 @@ from unittest import SkipTest
 
 import numpy as np
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceLostError
-from runtime.testing.twin_bench import TwinBench
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.testing.twin_bench import TwinBench
 
 CYCLE = 0.01  # s of world time between two reads
 MOST = 300  # cycles that something may take

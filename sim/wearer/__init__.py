@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.files import ProfilePath
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import RANGES
-from sim.wearer.motion import Wearer
-from sim.wearer.recording import load_wearer
-from sim.wearer.scripted import ScriptedWearer
-from sim.wearer.told import ToldWearer
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import RANGES
+from srl.sim.wearer.motion import Wearer
+from srl.sim.wearer.recording import load_wearer
+from srl.sim.wearer.scripted import ScriptedWearer
+from srl.sim.wearer.told import ToldWearer
 
 __all__ = ["ScriptedWearer", "ToldWearer", "Wearer", "WearerConfig", "load_wearer", "make_wearer"]
 

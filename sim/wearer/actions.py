@@ -11,9 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from drivers.noitom.skeleton import JOINTS
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Action
+from srl.drivers.noitom.skeleton import JOINTS
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Action
 
 HANG: Final = 72.0  # degrees from the T-pose to arms at the sides
 _ELBOW: Final = 15.0  # degrees, bent at ease

@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS, JOINTS
-from runtime.control.skeleton import bvh
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS, JOINTS
+from srl.runtime.models.skeleton import bvh
 
 _BONES: Final = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "little": "Pinky"}
 _MOVES: Final = np.deg2rad(5.0)  # a hand whose joints all move less than this was not measured

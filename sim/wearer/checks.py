@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
 
 MAX_STEP = 5.0  # s between samples: a motion isn't recorded so slowly
 FARTHEST = 1e9  # in any unit here

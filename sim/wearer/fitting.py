@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import BEYOND, JOINTS, RANGES
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import BEYOND, JOINTS, RANGES
 
 CONSTANT: Final = np.deg2rad(0.1)  # a joint that moves less wasn't measured
 MUCH: Final = 0.3

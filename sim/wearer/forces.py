@@ -8,15 +8,15 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.files import ProfilePath
-from runtime.contracts.signals import Array
-from sim.wearer import npz
-from sim.wearer.checks import check_samples
-from sim.wearer.mat5 import read_mat5
-from sim.wearer.motion import Curve
-from sim.wearer.tables import read_rows, time_column
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.signals import Array
+from srl.sim.wearer import npz
+from srl.sim.wearer.checks import check_samples
+from srl.sim.wearer.mat5 import read_mat5
+from srl.sim.wearer.motion import Curve
+from srl.sim.wearer.tables import read_rows, time_column
 
 _COLUMNS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 _TIMES: Final = ("time", "t", "time_s")

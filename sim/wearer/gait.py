@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 RADIUS: Final = 1.2  # m, of the circle that the person walks
 SPEED: Final = 1.0  # m/s

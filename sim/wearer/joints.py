@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from drivers.cyberglove.protocol import LABELS, LABELS_22
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import JOINTS
+from srl.drivers.cyberglove.protocol import LABELS, LABELS_22
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import JOINTS
 
 Terms = tuple[tuple[str, float], ...]
 

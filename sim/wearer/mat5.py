@@ -10,8 +10,8 @@ from typing import Any, Final, Literal, cast
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.files import read_regular
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.files import read_regular
 
 _TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX: Final = 14

@@ -7,9 +7,9 @@ from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import RANGES
-from sim.wearer.fitting import Fitted
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import RANGES
+from srl.sim.wearer.fitting import Fitted
 
 BLEND: Final = 0.5  # s, from the end of one section of a recording to the beginning of the next
 Number = TypeVar("Number", float, Array)

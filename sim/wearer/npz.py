@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.files import read_regular
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.files import read_regular
 
 MOST: Final = 1 << 28  # bytes of a file, and of an array in it
 

@@ -12,10 +12,10 @@ from typing import Final, Literal
 
 import numpy as np
 
-from drivers.noitom.skeleton import JOINTS, is_finger
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Action
-from sim.wearer.actions import HANG
+from srl.drivers.noitom.skeleton import JOINTS, is_finger
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Action
+from srl.sim.wearer.actions import HANG
 
 Sex = Literal["male", "female"]
 _STATURE: Final[dict[Sex, tuple[float, float]]] = {"male": (1.756, 0.069), "female": (1.629, 0.064)}  # m, mean and SD

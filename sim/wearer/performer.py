@@ -11,14 +11,14 @@ from typing import Final
 
 import numpy as np
 
-from drivers.noitom.skeleton import JOINTS, Skeleton, is_finger
-from runtime.contracts.rotation import EulerQuaternions, exp
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Perform, Rest, Return, Walk
-from sim.wearer.actions import at_ease, beyond_ease, waving
-from sim.wearer.gait import RADIUS, add_gait, walked
-from sim.wearer.motion import minimum_jerk, quintic
-from sim.wearer.people import Subject, sway
+from srl.drivers.noitom.skeleton import JOINTS, Skeleton, is_finger
+from srl.runtime.contracts.rotation import EulerQuaternions, exp
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction, Perform, Rest, Return, Walk
+from srl.sim.wearer.actions import at_ease, beyond_ease, waving
+from srl.sim.wearer.gait import RADIUS, add_gait, walked
+from srl.sim.wearer.motion import minimum_jerk, quintic
+from srl.sim.wearer.people import Subject, sway
 
 _START: Final = 1.5  # s, from standing to walking, and back
 _FADE: Final = 0.3  # s, in which what is repeated sets in

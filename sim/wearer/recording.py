@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import RANGES
-from sim.wearer.fitting import check, fit
-from sim.wearer.motion import SampledWearer, Wearer, join
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import RANGES
+from srl.sim.wearer.fitting import check, fit
+from srl.sim.wearer.motion import SampledWearer, Wearer, join
 
 
 def load_wearer(
@@ -36,7 +36,7 @@ def load_wearer(
         RecordingError: with file and line or column, what was expected, and the remedy; too little of it fits into the
             ranges.
     """
-    from sim.wearer import bvh_hand, tables, topics
+    from srl.sim.wearer import bvh_hand, tables, topics
 
     path, named = _split(str(recording))
     if named is not None and episode is not None and named != episode:

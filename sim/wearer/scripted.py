@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import RANGES
-from sim.wearer.fitting import Fitted
-from sim.wearer.motion import quintic
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import RANGES
+from srl.sim.wearer.fitting import Fitted
+from srl.sim.wearer.motion import quintic
 
 _OPEN: Final[Array] = np.deg2rad(
     [[10, 25, 0, 0], [8, 5, 8, 5], [0, 5, 8, 5], [-6, 5, 8, 5], [-12, 5, 8, 5]]  # spread a little

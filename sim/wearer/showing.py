@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from sim.wearer.motion import minimum_jerk
+from srl.runtime.contracts.signals import Array
+from srl.sim.wearer.motion import minimum_jerk
 
 RAISED: Final = 1.0  # s, at which the hand begins to go up
 BEGUN: Final = 3.0  # s, at which it begins to go round

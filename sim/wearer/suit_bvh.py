@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.bvh import Bvh
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.bvh import Bvh
 
 CM = 0.01
 

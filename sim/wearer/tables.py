@@ -10,14 +10,14 @@ from typing import Final
 
 import numpy as np
 
-from drivers.cyberglove.protocol import LABELS_22
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.files import read_regular
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import JOINTS
-from sim.wearer import npz
-from sim.wearer.checks import check_samples
-from sim.wearer.joints import SCHEMES, numbered, to_model, unused
+from srl.drivers.cyberglove.protocol import LABELS_22
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.files import read_regular
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import JOINTS
+from srl.sim.wearer import npz
+from srl.sim.wearer.checks import check_samples
+from srl.sim.wearer.joints import SCHEMES, numbered, to_model, unused
 
 Parts = list[tuple[Array, Array]]
 

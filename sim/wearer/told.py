@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Rest, Shape
-from runtime.control.hand.human_hand import RANGES, SENSORS
-from sim.wearer.fitting import Fitted
-from sim.wearer.joints import to_model
-from sim.wearer.motion import quintic
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction, Rest, Shape
+from srl.runtime.models.human_hand import RANGES, SENSORS
+from srl.sim.wearer.fitting import Fitted
+from srl.sim.wearer.joints import to_model
+from srl.sim.wearer.motion import quintic
 
 SECONDS: Final = 0.8  # that a hand takes from one shape to the next; ours
 

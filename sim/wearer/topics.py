@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import JOINTS
-from sim.wearer.checks import check_samples
-from sim.wearer.motion import Curve
-from sim.wearer.tables import read_rows
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import JOINTS
+from srl.sim.wearer.checks import check_samples
+from srl.sim.wearer.motion import Curve
+from srl.sim.wearer.tables import read_rows
 
 _LONGEST: Final = 86_400.0  # s
 _RATE: Final = 100.0  # Hz of the common time base

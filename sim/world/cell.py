@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PlainValidator, ValidationInfo
 
-from runtime.contracts import registry
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.frames import IDENTITY, Frames, as_pose
-from runtime.contracts.gravity import DOWN
-from runtime.contracts.rotation import Pose, composed
-from runtime.contracts.signals import Array
-from runtime.contracts.world import World, WorldConfig
-from sim.world import standing
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
-from sim.world.samples import Samples
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.frames import IDENTITY, Frames, as_pose
+from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.rotation import Pose, composed
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import World, WorldConfig
+from srl.sim.world import standing
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
+from srl.sim.world.samples import Samples
 
 P = TypeVar("P", bound=Part)
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION

@@ -12,12 +12,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.frames import IDENTITY, Placement
-from runtime.contracts.options import Options
-from runtime.contracts.rotation import Pose, composed
-from runtime.contracts.signals import Array, Signal
-from sim.world.mjcf import add
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.frames import IDENTITY, Placement
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.rotation import Pose, composed
+from srl.runtime.contracts.signals import Array, Signal
+from srl.sim.world.mjcf import add
 
 
 class Spot(Placement):

@@ -10,10 +10,10 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.robots import Capsule, Inertial, RobotDescription
-from sim.world.mjcf import FINGER_BIT, HAND_BIT, OBJECT_BIT, add
-from sim.world.part import Mjcf
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import Capsule, Inertial, RobotDescription
+from srl.sim.world.mjcf import FINGER_BIT, HAND_BIT, OBJECT_BIT, add
+from srl.sim.world.part import Mjcf
 
 ROBOT_BIT: Final = 8
 _SHORT: Final = 1e-6  # m, below which MuJoCo finds no direction between a capsule's ends

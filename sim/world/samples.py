@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 
 class Samples:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from xml.etree.ElementTree import Element
 
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.frames import IDENTITY, Frames
-from runtime.contracts.rotation import Pose, composed
-from sim.world.part import Mjcf, Part, Spot
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.frames import IDENTITY, Frames
+from srl.runtime.contracts.rotation import Pose, composed
+from srl.sim.world.part import Mjcf, Part, Spot
 
 
 def build(mjcf: Mjcf, parts: Mapping[str, Part], frames: Frames) -> None:

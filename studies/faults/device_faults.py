@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from runtime.contracts.plausible import plausible
-from runtime.contracts.signals import Kind
-from runtime.guard import CommandGuard
-from runtime.guard.base import LONGEST
-from runtime.ipc.words import Cause
-from runtime.profile.graph import Graph
+from srl.runtime.contracts.plausible import plausible
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.guard import CommandGuard
+from srl.runtime.guard.base import LONGEST
+from srl.runtime.ipc.words import Cause
+from srl.runtime.profile.graph import Graph
 
 CLIENT: Final = "client"  # who sends setpoints over the bus
 LATE: Final = {"late-little": 0.4, "late": 3.0}  # times the device's `max_age`

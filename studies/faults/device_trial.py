@@ -7,15 +7,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.errors import RequestError
-from runtime.contracts.signals import Kind
-from runtime.guard import CommandGuard
-from runtime.ipc.words import CYCLE, Cause, State
-from runtime.testing.lab import Lab
-from studies.faults import device_faults
-from studies.faults.device_faults import CLIENT, JUMPS, LATE, Expected
-from studies.faults.steps import ROUNDING, largest, sent_of
-from studies.tasks.task import Value
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.guard import CommandGuard
+from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.testing.lab import Lab
+from srl.studies.faults import device_faults
+from srl.studies.faults.device_faults import CLIENT, JUMPS, LATE, Expected
+from srl.studies.faults.steps import ROUNDING, largest, sent_of
+from srl.studies.tasks.task import Value
 
 WARM: Final = (0.2, 0.9)  # s of motion before the fault
 LASTS: Final = 0.4  # s for which a fault goes on after what is expected of it

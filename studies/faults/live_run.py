@@ -18,14 +18,14 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.child import end_with_parent
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.child import end_with_parent
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE
 
-SRL: list[str] = [sys.executable, "-m", "runtime"]  # a test puts a program here in which something is broken
+SRL: list[str] = [sys.executable, "-m", "srl"]  # a test puts a program here in which something is broken
 NAME: Final = "trial"
 PATIENCE: Final = 60.0  # s
 PAUSE: Final = 0.005  # s between two looks
@@ -150,7 +150,7 @@ class LiveRun:
         with contextlib.suppress(OSError):
             for pid in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
                 line = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").split("\0")
-                found |= {name: int(pid) for name in PROCESSES if f"runtime.{name}" in line}
+                found |= {name: int(pid) for name in PROCESSES if f"srl.runtime.{name}" in line}
         return found
 
     def finish(self, most: float = PATIENCE) -> dict[str, Any] | None:

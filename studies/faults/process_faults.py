@@ -19,8 +19,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.ipc.control_socket import send_request
-from studies.faults.live_run import LiveRun, lives
+from srl.runtime.ipc.control_socket import send_request
+from srl.studies.faults.live_run import LiveRun, lives
 
 DIES, ENDS, GOES_ON, STOPS, REFUSED = "dies", "ends", "goes on", "stops or goes on", "refused"
 

@@ -14,14 +14,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.errors import SrlError
-from runtime.ipc.words import CYCLE, Cause, State
-from runtime.recording import reader
-from studies.faults.device_trial import Bench
-from studies.faults.live_run import LiveRun
-from studies.faults.process_faults import DIES, ENDS, FAULTS, GOES_ON, REFUSED, ProcessFault, ended
-from studies.faults.steps import ROUNDING, largest
-from studies.tasks.task import Value
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.recording import reader
+from srl.studies.faults.device_trial import Bench
+from srl.studies.faults.live_run import LiveRun
+from srl.studies.faults.process_faults import DIES, ENDS, FAULTS, GOES_ON, REFUSED, ProcessFault, ended
+from srl.studies.faults.steps import ROUNDING, largest
+from srl.studies.tasks.task import Value
 
 WARM: Final = (0.2, 1.0)  # s after the processes are there
 AFTER: Final = 0.5  # s that it goes on after a fault that it survives

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array, Kind
-from runtime.guard import CommandGuard
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, State
-from runtime.profile.graph import Actuator, Graph
+from srl.runtime.contracts.signals import Array, Kind
+from srl.runtime.guard import CommandGuard
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, State
+from srl.runtime.profile.graph import Actuator, Graph
 
 LONGEST: Final = 5  # periods: a longer pause may not be made up for (runtime/guard/base.py)
 ROUNDING: Final = 1e-9  # of the command's unit

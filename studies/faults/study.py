@@ -15,15 +15,15 @@ from typing import Any, Final
 
 from ruamel.yaml import YAML
 
-from runtime.profile import profile as profiles
-from runtime.testing.lab import Lab
-from sim.devices.examples import DEVICES
-from studies.faults import device_faults
-from studies.faults import wire_trial as wires
-from studies.faults.process_faults import FAULTS as PROCESS
-from studies.result import Claim, Result
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.runtime.profile import profile as profiles
+from srl.runtime.testing.lab import Lab
+from srl.sim.devices.examples import DEVICES
+from srl.studies.faults import device_faults
+from srl.studies.faults import wire_trial as wires
+from srl.studies.faults.process_faults import FAULTS as PROCESS
+from srl.studies.result import Claim, Result
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 STUDY: Final = "faults"
 OF_CLIENT: Final = {"silent": "a client of the bus falls silent", "garbage": "a client asks for a million"}
@@ -64,7 +64,7 @@ def run(folder: Path, quick: bool, runner: Runner) -> Result:
 
 def variants() -> Iterator[tuple[str, list[str]]]:
     """Each shipped profile with each word of its choices, the other choices as the profile has them."""
-    for file in sorted(resources.files("profiles").iterdir(), key=lambda f: f.name):
+    for file in sorted(resources.files("srl.profiles").iterdir(), key=lambda f: f.name):
         if not file.name.endswith(".yaml"):
             continue
         content = YAML(typ="safe", pure=True).load(file.read_text(encoding="utf-8"))

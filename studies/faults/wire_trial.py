@@ -13,15 +13,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts import registry
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError, SrlError
-from runtime.contracts.world import Twin
-from runtime.testing.bound import bound
-from runtime.testing.twin_bench import TwinBench
-from sim.devices.examples import DEVICES
-from studies.faults.device_faults import SLACK
-from studies.tasks.task import Value
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, SrlError
+from srl.runtime.contracts.world import Twin
+from srl.runtime.testing.bound import bound
+from srl.runtime.testing.twin_bench import TwinBench
+from srl.sim.devices.examples import DEVICES
+from srl.studies.faults.device_faults import SLACK
+from srl.studies.tasks.task import Value
 
 DEVICE: Final = "device"
 CYCLE: Final = 0.01  # s of the world between two reads
@@ -59,7 +59,7 @@ def kinds_of(kind: str) -> list[str]:
 
 
 def _twin(kind: str) -> Twin:
-    """Its twin in a world of its own, as `sim.devices.examples` has it."""
+    """Its twin in a world of its own, as `srl.sim.devices.examples` has it."""
     config, options, cell, port = DEVICES[kind]
     place, parts = f"device '{kind}'", dict(cell)
     worlds = registry.load("worlds", parts.pop("world"), place)

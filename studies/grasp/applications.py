@@ -14,13 +14,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.grasp import bottle_trial, door_trial, lifting_trial, starts
-from studies.grasp.applications_analysis import Asked, compared, records, table, verdicts
-from studies.grasp.applications_scenes import write
-from studies.grasp.things import Thing
-from studies.result import Result
-from studies.tasks.runner import Runner
-from studies.tasks.task import TrialTask
+from srl.studies.grasp import bottle_trial, door_trial, lifting_trial, starts
+from srl.studies.grasp.applications_analysis import Asked, compared, records, table, verdicts
+from srl.studies.grasp.applications_scenes import write
+from srl.studies.grasp.things import Thing
+from srl.studies.result import Result
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import TrialTask
 
 STUDY: Final = "grasp-applications"
 STARTS: Final = "grasp-starts"

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.grasp.starts import UNUSABLE
-from studies.result import Claim
-from studies.tasks.task import Row
-from studies.toolkit.statistics import holm, proportion, sign_test
+from srl.studies.grasp.starts import UNUSABLE
+from srl.studies.result import Claim
+from srl.studies.tasks.task import Row
+from srl.studies.toolkit.statistics import holm, proportion, sign_test
 
 _LEVEL: Final = 0.05
 

@@ -9,15 +9,15 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from runtime.contracts.rotation import Pose, Quaternion, conjugate, product, turned
-from runtime.contracts.signals import Array
-from runtime.ipc.requests import RequestKind
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from sim.parts.body.carrier import CarrierPart
-from sim.parts.hand.human_hand import HumanHandPart
-from sim.world.cell import Cell
-from studies.grasp.closing_person import ClosingPerson
+from srl.runtime.contracts.rotation import Pose, Quaternion, conjugate, product, turned
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.sim.parts.body.carrier import CarrierPart
+from srl.sim.parts.hand.human_hand import HumanHandPart
+from srl.sim.world.cell import Cell
+from srl.studies.grasp.closing_person import ClosingPerson
 
 ARMS: Final[dict[str, dict[str, Any]]] = {
     "bare": {},

@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-from runtime.contracts.signals import Array
-from studies.grasp.applications_rig import STAND, Rig
-from studies.grasp.scenes import log_geoms
-from studies.tasks.task import Value
+from srl.runtime.contracts.signals import Array
+from srl.studies.grasp.applications_rig import STAND, Rig
+from srl.studies.grasp.scenes import log_geoms
+from srl.studies.tasks.task import Value
 
 Play = Callable[[str, Mapping[str, Any], int, Callable[[Rig], None]], Mapping[str, Value]]
 

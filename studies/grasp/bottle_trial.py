@@ -12,15 +12,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, conjugate, from_matrix, log, product
-from runtime.contracts.signals import Array
-from sim.parts.hand.passive_hand import PALM_FACE
-from studies.grasp.applications_rig import LEANING, LIFT, STAND, LostError, Rig
-from studies.grasp.cell import PARTIAL, GraspCell
-from studies.grasp.closing import PATHS, start
-from studies.grasp.lifting_trial import FRICTION, LEAD, LEANS, SAGS, SPREAD, Draw
-from studies.grasp.things import Thing
-from studies.tasks.task import Value
+from srl.runtime.contracts.rotation import Quaternion, conjugate, from_matrix, log, product
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.hand.passive_hand import PALM_FACE
+from srl.studies.grasp.applications_rig import LEANING, LIFT, STAND, LostError, Rig
+from srl.studies.grasp.cell import PARTIAL, GraspCell
+from srl.studies.grasp.closing import PATHS, start
+from srl.studies.grasp.lifting_trial import FRICTION, LEAD, LEANS, SAGS, SPREAD, Draw
+from srl.studies.grasp.things import Thing
+from srl.studies.tasks.task import Value
 
 TRIAL: Final = "grasp-bottle"
 DIAMETER: Final = 0.075  # m: what three fingers and palm can't hold alone

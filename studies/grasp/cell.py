@@ -12,17 +12,17 @@ from typing import Any, Final, cast
 import mujoco
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, matrix
-from runtime.contracts.signals import Array
-from runtime.control.hand.extra_finger import FingerKinematics
-from runtime.control.hand.human_hand import FINGERS
-from runtime.control.hand.object_mapping import ObjectMapping
-from runtime.control.models import FingerModel, HandModel
-from runtime.profile import profile, wiring
-from sim.parts.hand.human_hand import HumanHandPart
-from sim.world.cell import Cell
-from studies.grasp.measures import Contacts
-from studies.grasp.things import Thing
+from srl.control.hand.extra_finger import FingerKinematics
+from srl.control.hand.object_mapping import ObjectMapping
+from srl.runtime.contracts.rotation import Quaternion, matrix
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS
+from srl.runtime.models.models import FingerModel, HandModel
+from srl.runtime.profile import profile, wiring
+from srl.sim.parts.hand.human_hand import HumanHandPart
+from srl.sim.world.cell import Cell
+from srl.studies.grasp.measures import Contacts
+from srl.studies.grasp.things import Thing
 
 THING: Final = "thing"
 PARTIAL: Final = ["middle", "ring", "little"]

@@ -11,9 +11,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS
-from studies.grasp.cell import GraspCell
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS
+from srl.studies.grasp.cell import GraspCell
 
 Closing = Literal["curl", "converge"]
 CLOSINGS: Final[tuple[Closing, ...]] = ("curl", "converge")

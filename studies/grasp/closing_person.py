@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from sim.parts.hand.human_hand import HumanHandPart
-from sim.wearer.fitting import Fitted
-from sim.wearer.motion import quintic
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.hand.human_hand import HumanHandPart
+from srl.sim.wearer.fitting import Fitted
+from srl.sim.wearer.motion import quintic
 
 ALL: Final = tuple(range(20))
 

@@ -11,12 +11,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import from_matrix
-from studies.grasp.applications_rig import LEANING, STAND, Rig
-from studies.grasp.bottle_trial import UPRIGHT
-from studies.grasp.closing import FIST, HALF
-from studies.grasp.lifting_trial import LEAD, LEANS, Draw
-from studies.tasks.task import Value
+from srl.runtime.contracts.rotation import from_matrix
+from srl.studies.grasp.applications_rig import LEANING, STAND, Rig
+from srl.studies.grasp.bottle_trial import UPRIGHT
+from srl.studies.grasp.closing import FIST, HALF
+from srl.studies.grasp.lifting_trial import LEAD, LEANS, Draw
+from srl.studies.tasks.task import Value
 
 TRIAL: Final = "grasp-door"
 POINTS: Final = ["thumb", "index"]

@@ -13,15 +13,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.grasp.closing import CLOSINGS
-from studies.grasp.isotropy_analysis import claims, records, statistics, table
-from studies.grasp.isotropy_figure import figure
-from studies.grasp.isotropy_trial import AUGMENTED, PROFILE, TRIAL
-from studies.grasp.scenes import write
-from studies.grasp.things import SHAPES, SIZES, Shape
-from studies.result import Result
-from studies.tasks.runner import Runner
-from studies.tasks.task import TrialTask
+from srl.studies.grasp.closing import CLOSINGS
+from srl.studies.grasp.isotropy_analysis import claims, records, statistics, table
+from srl.studies.grasp.isotropy_figure import figure
+from srl.studies.grasp.isotropy_trial import AUGMENTED, PROFILE, TRIAL
+from srl.studies.grasp.scenes import write
+from srl.studies.grasp.things import SHAPES, SIZES, Shape
+from srl.studies.result import Result
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import TrialTask
 
 STUDY: Final = "grasp-isotropy"
 PLACEMENTS: Final = 12  # of each object

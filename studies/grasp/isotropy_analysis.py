@@ -8,13 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from studies.grasp.closing import CLOSINGS, Closing
-from studies.grasp.isotropy_trial import SEEN, UNITS
-from studies.grasp.things import SHAPES
-from studies.result import Claim
-from studies.tasks.task import Row
-from studies.toolkit.statistics import interval, proportion
+from srl.runtime.contracts.signals import Array
+from srl.studies.grasp.closing import CLOSINGS, Closing
+from srl.studies.grasp.isotropy_trial import SEEN, UNITS
+from srl.studies.grasp.things import SHAPES
+from srl.studies.result import Claim
+from srl.studies.tasks.task import Row
+from srl.studies.toolkit.statistics import interval, proportion
 
 Record = Mapping[str, Any]
 HEADLINE: Final[tuple[Closing, str]] = ("converge", "measured")

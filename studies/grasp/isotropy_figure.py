@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.grasp.things import SHAPES
-from studies.toolkit.statistics import interval
+from srl.studies.grasp.things import SHAPES
+from srl.studies.toolkit.statistics import interval
 
 _LINES: Final = (
     ("human", "human_gii_{}", "0.2", "o-"),

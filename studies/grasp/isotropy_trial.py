@@ -8,13 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS
-from studies.grasp.cell import PARTIAL, GraspCell
-from studies.grasp.closing import MOTIONS, Closing, Motion, follow, start
-from studies.grasp.measures import Contacts, epsilon, force_closure, isotropy, isotropy_of_moments, wrenches
-from studies.grasp.things import FRICTION, Thing
-from studies.tasks.task import Value
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS
+from srl.studies.grasp.cell import PARTIAL, GraspCell
+from srl.studies.grasp.closing import MOTIONS, Closing, Motion, follow, start
+from srl.studies.grasp.measures import Contacts, epsilon, force_closure, isotropy, isotropy_of_moments, wrenches
+from srl.studies.grasp.things import FRICTION, Thing
+from srl.studies.tasks.task import Value
 
 PROFILE: Final = "sixth-finger"
 TRIAL: Final = "grasp-isotropy"

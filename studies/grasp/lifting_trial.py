@@ -12,15 +12,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, from_rpy
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS
-from sim.parts.hand.passive_hand import PALM_FACE
-from studies.grasp.applications_rig import LEANING, LIFT, STAND, LostError, Rig
-from studies.grasp.cell import GraspCell
-from studies.grasp.closing import CLOSINGS, PATHS, start
-from studies.grasp.things import Shape, Thing
-from studies.tasks.task import Value
+from srl.runtime.contracts.rotation import Quaternion, from_rpy
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS
+from srl.sim.parts.hand.passive_hand import PALM_FACE
+from srl.studies.grasp.applications_rig import LEANING, LIFT, STAND, LostError, Rig
+from srl.studies.grasp.cell import GraspCell
+from srl.studies.grasp.closing import CLOSINGS, PATHS, start
+from srl.studies.grasp.things import Shape, Thing
+from srl.studies.tasks.task import Value
 
 TRIAL: Final = "grasp-lifting"
 HOLD: Final = 5.0  # s, the specification's

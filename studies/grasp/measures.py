@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 EDGES: Final = 8  # of a linearised friction cone; from here on epsilon hardly grows
 _CLOSED: Final = 1e-9  # least share of a cone's edge in an equilibrium, above the linear program's own tolerance

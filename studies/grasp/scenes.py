@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-from runtime.contracts.rotation import from_matrix
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS
-from studies.grasp.cell import GraspCell
-from studies.grasp.closing import CLOSINGS, MOTIONS, start
-from studies.grasp.isotropy_trial import AUGMENTED, grasps
-from studies.grasp.things import SHAPES, Thing
+from srl.runtime.contracts.rotation import from_matrix
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS
+from srl.studies.grasp.cell import GraspCell
+from srl.studies.grasp.closing import CLOSINGS, MOTIONS, start
+from srl.studies.grasp.isotropy_trial import AUGMENTED, grasps
+from srl.studies.grasp.things import SHAPES, Thing
 
 _FRAMES: Final = 30  # of each closing
 _ARROW: Final = 0.02  # m, length of a contact's normal

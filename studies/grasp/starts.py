@@ -13,14 +13,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import from_rpy
-from runtime.contracts.signals import Array
-from runtime.profile import profile
-from sim.parts.hand.passive_hand import PALM_FACE
-from studies.grasp.cell import GraspCell
-from studies.grasp.things import Thing
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.runtime.contracts.rotation import from_rpy
+from srl.runtime.contracts.signals import Array
+from srl.runtime.profile import profile
+from srl.sim.parts.hand.passive_hand import PALM_FACE
+from srl.studies.grasp.cell import GraspCell
+from srl.studies.grasp.things import Thing
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 FILE: Final = Path(__file__).with_name("starts.json")
 """What was found, by scene and arm: `distal` (m), `home` (degrees), successes `of` trials of the last round."""

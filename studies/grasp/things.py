@@ -8,10 +8,10 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, from_rpy
-from runtime.contracts.signals import Array
-from sim.parts.hand.passive_hand import PALM_FACE
-from studies.grasp.measures import Contacts
+from srl.runtime.contracts.rotation import Quaternion, from_rpy
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.hand.passive_hand import PALM_FACE
+from srl.studies.grasp.measures import Contacts
 
 Shape = Literal["sphere", "cube", "cylinder"]
 SHAPES: Final[tuple[Shape, ...]] = ("sphere", "cube", "cylinder")

@@ -16,12 +16,12 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.arms import Side
-from runtime.control.skeleton.envelope import PARTS, Envelope
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
-from studies.human_srl.wearers import Wearer
+from srl.control.skeleton.envelope import PARTS, Envelope
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import Side
+from srl.studies.human_srl.wearers import Wearer
 
 BLAME: Final = 0.02  # m/s
 LINK_RADIUS: Final = 0.0305  # m: half of a servo's larger side (ROBOTIS MX-64, 61.1 mm); the envelope has its diagonal

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import link_nodes
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.skeleton.options import EnvelopeOptions
+from srl.control.skeleton.capsules import nearest
+from srl.control.skeleton.envelope import link_nodes
+from srl.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.runtime.contracts.signals import Array
 
 
 class Gap:

@@ -14,17 +14,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.control.intention.training import BACKGROUND, Thresholds
-from sim.wearer.people import MISFIT
-from studies.human_srl.intention_trial import UNRELATED, made_of, play, recorded
-from studies.human_srl.part import NAME, Part
-from studies.intention.accuracy import law_of
-from studies.intention.people import ACTIONS, DT, begun
-from studies.result import Claim
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
-from studies.toolkit.estimates import Estimate, estimate
-from studies.toolkit.statistics import rate
+from srl.control.intention.training import BACKGROUND, Thresholds
+from srl.sim.wearer.people import MISFIT
+from srl.studies.human_srl.intention_trial import UNRELATED, made_of, play, recorded
+from srl.studies.human_srl.part import NAME, Part
+from srl.studies.intention.accuracy import law_of
+from srl.studies.intention.people import ACTIONS, DT, begun
+from srl.studies.result import Claim
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
+from srl.studies.toolkit.estimates import Estimate, estimate
+from srl.studies.toolkit.statistics import rate
 
 LEAST: Final = 90.0  # %, of windows, and of actions
 MOST: Final = 1.0  # false activations a minute

@@ -15,18 +15,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Rest, Walk
-from runtime.control.intention.features import FRAMES
-from runtime.control.intention.law import Intention
-from runtime.control.intention.training import BACKGROUND, Held, Recogniser, Thresholds, Trial, train
-from sim.parts.body.motion import Recorded
-from sim.wearer.people import MISFIT, subject
-from sim.wearer.performer import Performer, measured
-from studies.intention import people
-from studies.intention.accuracy import law_of
-from studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, Session, begun, unrelated
-from studies.tasks.task import Value
+from srl.control.intention.features import FRAMES
+from srl.control.intention.law import Intention
+from srl.control.intention.training import BACKGROUND, Held, Recogniser, Thresholds, Trial, train
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Rest, Walk
+from srl.sim.parts.body.motion import Recorded
+from srl.sim.wearer.people import MISFIT, subject
+from srl.sim.wearer.performer import Performer, measured
+from srl.studies.intention import people
+from srl.studies.intention.accuracy import law_of
+from srl.studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, Session, begun, unrelated
+from srl.studies.tasks.task import Value
 
 UNRELATED: Final = ("stand", "walk", "stop-and-go", "reach")
 _STOP_AND_GO: Final = 4.0  # s, of standing and of walking, in turn

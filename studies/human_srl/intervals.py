@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from studies.toolkit.statistics import proportion
+from srl.runtime.contracts.signals import Array
+from srl.studies.toolkit.statistics import proportion
 
 TIMES: Final = 4000  # samples of a bootstrap
 _SEED: Final = 20221

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 # By node: the axis of the rotation in its row. The sliding joint is in the translation of row 7, J6's node.
 _ROWS: Final = ("", "", "x", "z", "y", "x", "", "x", "y")

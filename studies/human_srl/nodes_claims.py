@@ -7,11 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from studies.human_srl.part import NAME, Part
-from studies.human_srl.wearers import wearers
-from studies.result import Claim
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.studies.human_srl.part import NAME, Part
+from srl.studies.human_srl.wearers import wearers
+from srl.studies.result import Claim
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 PROFILE: Final = "human-srl-two"
 MOTIONS: Final = 200

@@ -8,19 +8,19 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml import YAML
 
-from drivers.noitom.config import NoitomConfig
-from drivers.noitom.pose import Pose
-from drivers.noitom.protocol import BinaryParser, TextParser, encode_binary, encode_text
-from drivers.noitom.skeleton import Skeleton as Suit
-from runtime.contracts.rotation import Quaternion, euler_angles, exp, matrices, product
-from runtime.contracts.signals import Array
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.law import Skeleton, SkeletonLawConfig
-from studies.human_srl import matrices as plain
-from studies.human_srl.reaching import Reaching
-from studies.human_srl.wearers import Wearer
-from studies.tasks.task import Value
+from srl.control.skeleton.human import human
+from srl.control.skeleton.law import Skeleton, SkeletonLawConfig
+from srl.drivers.noitom.config import NoitomConfig
+from srl.drivers.noitom.pose import Pose
+from srl.drivers.noitom.protocol import BinaryParser, TextParser, encode_binary, encode_text
+from srl.drivers.noitom.skeleton import Skeleton as Suit
+from srl.runtime.contracts.rotation import Quaternion, euler_angles, exp, matrices, product
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.models import ArmsModel
+from srl.studies.human_srl import matrices as plain
+from srl.studies.human_srl.reaching import Reaching
+from srl.studies.human_srl.wearers import Wearer
+from srl.studies.tasks.task import Value
 
 _TURN: Final = 0.15  # rad, by which every joint, fingers too, is turned besides, in each frame anew
 _STRETCH: Final = 0.01  # of each bone, in each frame anew: suits do so

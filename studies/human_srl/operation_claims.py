@@ -14,15 +14,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.control.skeleton.arms import BASE as STANDARD
-from studies.human_srl.operation_trial import PROFILE
-from studies.human_srl.part import NAME, Part
-from studies.human_srl.wearers import Wearer, wearers
-from studies.result import Claim
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
-from studies.toolkit.estimates import estimate
-from studies.toolkit.statistics import proportion, tost
+from srl.runtime.models.skeleton.arms import BASE as STANDARD
+from srl.studies.human_srl.operation_trial import PROFILE
+from srl.studies.human_srl.part import NAME, Part
+from srl.studies.human_srl.wearers import Wearer, wearers
+from srl.studies.result import Claim
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
+from srl.studies.toolkit.estimates import estimate
+from srl.studies.toolkit.statistics import proportion, tost
 
 MARGIN: Final = 2.0  # mm: errors that differ by less are taken as equivalent; a tip of the arm is 60 mm thick
 _QUICK, _QUICK_SECONDS, _SWEPT = 1, 10.0, 4

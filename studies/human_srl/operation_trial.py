@@ -14,19 +14,19 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml import YAML
 
-from runtime.contracts.clearance import NEVER
-from runtime.control.operation.demonstration import PERIOD, TaskPath
-from runtime.control.operation.replay import JointRanges, Replay, ReplayOptions
-from runtime.control.operation.worn import Worn
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.options import EnvelopeOptions
-from studies.human_srl.contacts import Contact, Contacts
-from studies.human_srl.reaching import Reaching
-from studies.human_srl.setting import Setting
-from studies.human_srl.suit import Suit
-from studies.human_srl.wearers import Wearer
-from studies.tasks.task import Value
+from srl.control.operation.demonstration import PERIOD, TaskPath
+from srl.control.operation.replay import JointRanges, Replay, ReplayOptions
+from srl.control.operation.worn import Worn
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.runtime.contracts.clearance import NEVER
+from srl.studies.human_srl.contacts import Contact, Contacts
+from srl.studies.human_srl.reaching import Reaching
+from srl.studies.human_srl.setting import Setting
+from srl.studies.human_srl.suit import Suit
+from srl.studies.human_srl.wearers import Wearer
+from srl.studies.tasks.task import Value
 
 PROFILE: Final = "human-srl-task"
 SECONDS: Final = 5.0  # s, that a path was shown in

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from studies.result import Claim
+from srl.studies.result import Claim
 
 NAME: Final = "human-srl"
 

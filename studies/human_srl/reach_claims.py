@@ -10,16 +10,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from studies.human_srl.contacts import BLAME
-from studies.human_srl.intervals import most, over_wearers, share
-from studies.human_srl.part import NAME, Part
-from studies.human_srl.reach_trial import SECONDS
-from studies.human_srl.setting import PROFILE
-from studies.human_srl.wearers import wearers
-from studies.result import Claim
-from studies.tasks.runner import Runner
-from studies.tasks.task import TrialTask
+from srl.runtime.contracts.signals import Array
+from srl.studies.human_srl.contacts import BLAME
+from srl.studies.human_srl.intervals import most, over_wearers, share
+from srl.studies.human_srl.part import NAME, Part
+from srl.studies.human_srl.reach_trial import SECONDS
+from srl.studies.human_srl.setting import PROFILE
+from srl.studies.human_srl.wearers import wearers
+from srl.studies.result import Claim
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import TrialTask
 
 Rows = Sequence[Mapping[str, Any]]
 ARMS: Final[dict[str, dict[str, Any]]] = {

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from studies.human_srl.reach_claims import ARMS, line, plain, tasks
-from studies.tasks.runner import Runner
+from srl.studies.human_srl.reach_claims import ARMS, line, plain, tasks
+from srl.studies.tasks.runner import Runner
 
 MOTIONS: Final = 8
 _STILL: Final = 0.02  # of the pace: the first reach has hardly begun when the motion ends

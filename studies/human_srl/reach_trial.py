@@ -15,20 +15,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.clearance import NEVER
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.skeleton.options import EnvelopeOptions
-from runtime.control.skeleton.retreat import Retreat, RetreatConfig
-from studies.human_srl.contacts import Contacts
-from studies.human_srl.gap import Gap, carried
-from studies.human_srl.reaching import Reaching
-from studies.human_srl.setting import Setting
-from studies.human_srl.suit import Suit, bias
-from studies.human_srl.wearers import Wearer
-from studies.tasks.task import Value
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.control.skeleton.retreat import Retreat, RetreatConfig
+from srl.runtime.contracts.clearance import NEVER
+from srl.runtime.contracts.signals import Array
+from srl.studies.human_srl.contacts import Contacts
+from srl.studies.human_srl.gap import Gap, carried
+from srl.studies.human_srl.reaching import Reaching
+from srl.studies.human_srl.setting import Setting
+from srl.studies.human_srl.suit import Suit, bias
+from srl.studies.human_srl.wearers import Wearer
+from srl.studies.tasks.task import Value
 
 SECONDS: Final = 12.0
 PATIENCE: Final = 6.0  # s, then a goal is given up

@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, exp, from_euler_xyz, product
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.tree import Tree
-from sim.wearer.motion import quintic
-from studies.human_srl.wearers import Wearer
+from srl.runtime.contracts.rotation import Quaternion, exp, from_euler_xyz, product
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.tree import Tree
+from srl.sim.wearer.motion import quintic
+from srl.studies.human_srl.wearers import Wearer
 
 AVERAGE: Final = Wearer("W00", 1.0, 0.8, 0.8, 0.8, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """As the paper's figure, thinner than the envelope, upright."""

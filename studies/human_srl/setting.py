@@ -7,13 +7,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.per_element import in_order
-from runtime.contracts.signals import Array, Command, Kind
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
-from runtime.guard import GUARDS, CommandGuard
-from runtime.profile import profile
-from runtime.profile.guard_entry import GuardEntry
+from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from srl.runtime.contracts.per_element import in_order
+from srl.runtime.contracts.signals import Array, Command, Kind
+from srl.runtime.guard import GUARDS, CommandGuard
+from srl.runtime.models.models import ArmsModel
+from srl.runtime.profile import profile
+from srl.runtime.profile.guard_entry import GuardEntry
 
 PROFILE: Final = "human-srl"
 _COMMAND: Final = "arm.position_command"

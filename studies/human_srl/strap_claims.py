@@ -1,7 +1,7 @@
 """The claim `strap-compensated`: roll and pitch of a base in its straps, compensated at the tip of the arm.
 
 Every wearer walks with each strap, and with a weld in its place, which is the reference. The wearers differ in size, in
-how the arm's motion meets their steps, and in the sensors' noise; sizes as in `sim.wearer.people`.
+how the arm's motion meets their steps, and in the sensors' noise; sizes as in `srl.sim.wearer.people`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from sim.parts.body.strap import Firmness
-from sim.wearer.people import subject
-from studies.human_srl.part import NAME, Part
-from studies.human_srl.strap_trial import MOVE, SKELETON, Compensation
-from studies.result import Claim
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
-from studies.toolkit.estimates import estimate
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.body.strap import Firmness
+from srl.sim.wearer.people import subject
+from srl.studies.human_srl.part import NAME, Part
+from srl.studies.human_srl.strap_trial import MOVE, SKELETON, Compensation
+from srl.studies.result import Claim
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
+from srl.studies.toolkit.estimates import estimate
 
 STRAPS: Final[tuple[Firmness, ...]] = ("soft", "medium", "hard")
 WAYS: Final[tuple[Compensation, ...]] = ("none", "roll-pitch", "with-yaw", "perfect")

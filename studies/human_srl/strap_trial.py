@@ -14,23 +14,23 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from drivers.bno085 import Bno085Config
-from drivers.dynamixel.config import DynamixelConfig
-from drivers.noitom import NoitomConfig
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.frames import IDENTITY, as_pose
-from runtime.contracts.rotation import Quaternion, composed, conjugate, exp, inverted, product
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake
-from runtime.control.strap.axes import Axis
-from runtime.control.strap.correction import Correction
-from runtime.control.strap.law import StrapBase, StrapBaseConfig
-from sim.devices.bno085.fake import FakeBno085, FakeBno085Config
-from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
-from sim.devices.noitom.fake import FakeNoitom, FakeNoitomConfig
-from sim.parts.body.strap import Firmness, StrapPart
-from sim.world.cell import Cell, CellConfig
-from studies.tasks.task import Value
+from srl.control.strap.axes import Axis
+from srl.control.strap.correction import Correction
+from srl.control.strap.law import StrapBase, StrapBaseConfig
+from srl.drivers.bno085 import Bno085Config
+from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.drivers.noitom import NoitomConfig
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.frames import IDENTITY, as_pose
+from srl.runtime.contracts.rotation import Quaternion, composed, conjugate, exp, inverted, product
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.bno085.fake import FakeBno085, FakeBno085Config
+from srl.sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
+from srl.sim.devices.noitom.fake import FakeNoitom, FakeNoitomConfig
+from srl.sim.parts.body.strap import Firmness, StrapPart
+from srl.sim.world.cell import Cell, CellConfig
+from srl.studies.tasks.task import Value
 
 # By the law with two inertial sensors, or with a suit in place of the belt's; by what the sensors say of all three
 # axes, one yaw having drifted; by the true rotation.

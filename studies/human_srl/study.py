@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from studies.human_srl import (
+from srl.studies.human_srl import (
     intention_claims,
     nodes_claims,
     operation_claims,
@@ -16,10 +16,10 @@ from studies.human_srl import (
     reach_sweep,
     strap_claims,
 )
-from studies.human_srl.part import NAME
-from studies.human_srl.wearers import assumed
-from studies.result import Result
-from studies.tasks.runner import Runner
+from srl.studies.human_srl.part import NAME
+from srl.studies.human_srl.wearers import assumed
+from srl.studies.result import Result
+from srl.studies.tasks.runner import Runner
 
 __all__ = ["run", "sweep"]
 PARTS = (

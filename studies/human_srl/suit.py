@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.rotation import exp, product
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.rotation import exp, product
+from srl.runtime.contracts.signals import Array
 
 NOISE: Final = 0.002  # rad, of each joint in each frame, as in the simulated suit
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.toolkit import subjects
+from srl.studies.toolkit import subjects
 
 COUNT: Final = 50
 LIST: Final = Path(__file__).with_suffix(".csv")
@@ -85,7 +85,7 @@ def drawn() -> list[Wearer]:
 
 
 def main() -> None:
-    """Writes the list: `python -m studies.human_srl.wearers`."""
+    """Writes the list: `python -m srl.studies.human_srl.wearers`."""
     subjects.write(LIST, drawn())
 
 

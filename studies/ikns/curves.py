@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 SECONDS: Final = 25.0
 SETTLE: Final = 5.0

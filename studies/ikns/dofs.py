@@ -13,11 +13,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.ikns.columns import mean, most
-from studies.ikns.wearers import assumed, wearers
-from studies.result import Claim, Result
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.studies.ikns.columns import mean, most
+from srl.studies.ikns.wearers import assumed, wearers
+from srl.studies.result import Claim, Result
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 STUDY: Final = "ikns-dofs"
 PROFILE: Final = "ikns-two"

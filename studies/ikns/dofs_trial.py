@@ -10,13 +10,13 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Dof, Follow, Hold
-from runtime.control.ikns import record
-from studies.ikns.curves import SECONDS, SETTLE, curve
-from studies.ikns.rig import DOFS, FILE, Rig, angles_alone, instructed, sensing
-from studies.tasks.task import Value
+from srl.control.ikns import record
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Dof, Follow, Hold
+from srl.studies.ikns.curves import SECONDS, SETTLE, curve
+from srl.studies.ikns.rig import DOFS, FILE, Rig, angles_alone, instructed, sensing
+from srl.studies.tasks.task import Value
 
 MIDDLE: Final = 0.5  # target of a DoF that isn't to move
 _MOVED: Final = 4.5  # s of a trial in which one DoF moves through its whole range

@@ -13,16 +13,16 @@ from typing import Final, Literal, Protocol
 
 import numpy as np
 
-from runtime.contracts.rotation import Pose, Vector, conjugate, product, turned
-from runtime.contracts.signals import Array
-from runtime.ipc.words import DEVICE, LINK_CONNECTED
-from runtime.loop.lockstep import Lockstep
-from sim.parts.body.carrier import CarrierPart
-from sim.parts.hand.passive_hand import PALM_FACE
-from sim.parts.hand.ycb import Ycb
-from sim.parts.things.table import MARK
-from sim.world.cell import Cell
-from studies.ikns.published import LIMIT
+from srl.runtime.contracts.rotation import Pose, Vector, conjugate, product, turned
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED
+from srl.runtime.loop.lockstep import Lockstep
+from srl.sim.parts.body.carrier import CarrierPart
+from srl.sim.parts.hand.passive_hand import PALM_FACE
+from srl.sim.parts.hand.ycb import Ycb
+from srl.sim.parts.things.table import MARK
+from srl.sim.world.cell import Cell
+from srl.studies.ikns.published import LIMIT
 
 Reason = Literal["", "not lifted", "dropped", "not released", "off the goal", "out of time"]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from sim.parts.hand.ycb import YCB
-from studies.ikns.grasp import Carried, Task
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.sim.parts.hand.ycb import YCB
+from srl.studies.ikns.grasp import Carried, Task
 
 START: Final = (0.0, -0.15)  # m, as the table's marks
 GOAL: Final = (0.0, 0.15)

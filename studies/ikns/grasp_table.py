@@ -1,4 +1,4 @@
-"""What decides a grasp with the worn finger, object by object: `python -m studies.ikns.grasp_table [--draws N]`.
+"""What decides a grasp with the worn finger, object by object: `python -m srl.studies.ikns.grasp_table [--draws N]`.
 
 Everything is simulated, the hand is an ideal carrier. Conditions change one thing at a time.
 """
@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from sim.parts.hand.ycb import YCB
-from studies.ikns.grasp import Grasp, grasp_trial
-from studies.ikns.grasp_cell import SERVO, carried_cell
+from srl.sim.parts.hand.ycb import YCB
+from srl.studies.ikns.grasp import Grasp, grasp_trial
+from srl.studies.ikns.grasp_cell import SERVO, carried_cell
 
 WEAK: Final = {"stall_torque": 0.14, "no_load_speed": 8.0, "stiffness": 3.0, "damping": 0.05}
 """The standard finger's servo."""

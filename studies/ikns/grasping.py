@@ -14,17 +14,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from sim.parts.hand.ycb import YCB
-from studies.ikns.grasp_table import WEAK
-from studies.ikns.grasping_analysis import analysed, counted
-from studies.ikns.grasping_person import NAME, QUICK, session
-from studies.ikns.grasping_trial import AIM, OPTIONS, PROFILE
-from studies.ikns.grasping_wearer import KINDS
-from studies.ikns.tracking import Calibrated, calibrated
-from studies.ikns.wearers import Wearer, assumed, wearers
-from studies.result import Result
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.sim.parts.hand.ycb import YCB
+from srl.studies.ikns.grasp_table import WEAK
+from srl.studies.ikns.grasping_analysis import analysed, counted
+from srl.studies.ikns.grasping_person import NAME, QUICK, session
+from srl.studies.ikns.grasping_trial import AIM, OPTIONS, PROFILE
+from srl.studies.ikns.grasping_wearer import KINDS
+from srl.studies.ikns.tracking import Calibrated, calibrated
+from srl.studies.ikns.wearers import Wearer, assumed, wearers
+from srl.studies.result import Result
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 __all__ = ["NAME", "run", "session", "sweep"]
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any, Final
 
-from sim.parts.hand.ycb import YCB
-from studies.ikns.published import GRASPS, MEDIAN_INCREASE, SECONDS
-from studies.result import Claim
-from studies.toolkit.statistics import SignTest, proportion, sign_test, summary
+from srl.sim.parts.hand.ycb import YCB
+from srl.studies.ikns.published import GRASPS, MEDIAN_INCREASE, SECONDS
+from srl.studies.result import Claim
+from srl.studies.toolkit.statistics import SignTest, proportion, sign_test, summary
 
 _LEVEL: Final = 0.05
 _CONDITIONS: Final = ("ikns", "ring")

@@ -15,16 +15,16 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.errors import RequestError
-from sim.parts.hand.ycb import YCB
-from studies.ikns import people
-from studies.ikns.grasping_analysis import analysed
-from studies.ikns.grasping_trial import PROFILE
-from studies.ikns.grasping_wearer import KINDS
-from studies.ikns.published import LIMIT
-from studies.result import Result
-from studies.tasks import table
-from studies.tasks.task import Value
+from srl.runtime.contracts.errors import RequestError
+from srl.sim.parts.hand.ycb import YCB
+from srl.studies.ikns import people
+from srl.studies.ikns.grasping_analysis import analysed
+from srl.studies.ikns.grasping_trial import PROFILE
+from srl.studies.ikns.grasping_wearer import KINDS
+from srl.studies.ikns.published import LIMIT
+from srl.studies.result import Result
+from srl.studies.tasks import table
+from srl.studies.tasks.task import Value
 
 NAME: Final = "ikns-grasping"
 Entry = tuple[str, str]

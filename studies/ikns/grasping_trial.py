@@ -12,22 +12,22 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Pose
-from runtime.control.ikns.body import FRACTIONS
-from runtime.control.ikns.calibration import flipped
-from runtime.control.ikns.record import Record, parse
-from runtime.control.models import BodyModel
-from runtime.loop.lockstep import Lockstep
-from sim.parts.body.arm_posture import ArmPosture
-from sim.parts.body.upper_body import UpperBodyPart
-from sim.parts.hand.objects import ObjectPart
-from sim.parts.hand.ycb import YCB
-from sim.world.cell import Cell
-from studies.ikns.grasp import ASIDE, Task, grasp_trial, wrist
-from studies.ikns.grasp_cell import SERVO
-from studies.ikns.grasping_wearer import HAND, KINDS, VALUE, Grasping, heading
-from studies.ikns.rig import FILE, Rig
-from studies.tasks.task import Value
+from srl.control.ikns.calibration import flipped
+from srl.control.ikns.record import Record, parse
+from srl.runtime.contracts.rotation import Pose
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.models.body import FRACTIONS
+from srl.runtime.models.models import BodyModel
+from srl.sim.parts.body.arm_posture import ArmPosture
+from srl.sim.parts.body.upper_body import UpperBodyPart
+from srl.sim.parts.hand.objects import ObjectPart
+from srl.sim.parts.hand.ycb import YCB
+from srl.sim.world.cell import Cell
+from srl.studies.ikns.grasp import ASIDE, Task, grasp_trial, wrist
+from srl.studies.ikns.grasp_cell import SERVO
+from srl.studies.ikns.grasping_wearer import HAND, KINDS, VALUE, Grasping, heading
+from srl.studies.ikns.rig import FILE, Rig
+from srl.studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"
 STATURE: Final = 1.75

@@ -13,18 +13,18 @@ from typing import Final, cast
 
 import numpy as np
 
-from runtime.contracts.rotation import Pose, Quaternion, Vector, conjugate, matrix, product, turned
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Hold
-from runtime.control.ikns.body import Body
-from runtime.loop.lockstep import Lockstep
-from sim.devices.ring.fake import FakeRing
-from sim.parts.body import arm_posture
-from sim.parts.body.upper_body import UpperBodyPart
-from sim.parts.body.wearer_config import UpperBodyConfig
-from sim.parts.hand.ycb import Ycb
-from sim.world.cell import Cell
-from studies.ikns.grasp import Task, wrist
+from srl.runtime.contracts.rotation import Pose, Quaternion, Vector, conjugate, matrix, product, turned
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Hold
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.models.body import Body
+from srl.sim.devices.ring.fake import FakeRing
+from srl.sim.parts.body import arm_posture
+from srl.sim.parts.body.upper_body import UpperBodyPart
+from srl.sim.parts.body.wearer_config import UpperBodyConfig
+from srl.sim.parts.hand.ycb import Ycb
+from srl.sim.world.cell import Cell
+from srl.studies.ikns.grasp import Task, wrist
 
 VALUE: Final = "intent.c"
 OPENED: Final = 1.0

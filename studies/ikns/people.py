@@ -20,18 +20,18 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
-from runtime.calibration.session import ANONYMOUS
-from runtime.contracts.errors import RecordingError, RequestError
-from runtime.ipc import private_file
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder, running
-from runtime.profile import profile as profiles
-from studies.tasks import journal as journals
-from studies.tasks import table
-from studies.tasks.environment import environment
-from studies.tasks.task import DONE, Row, TrialTask, Value
-from studies.toolkit.errors import StudyError
+from srl.commissioning.calibration.session import ANONYMOUS
+from srl.runtime.contracts.errors import RecordingError, RequestError
+from srl.runtime.ipc import private_file
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder, running
+from srl.runtime.profile import profile as profiles
+from srl.studies.tasks import journal as journals
+from srl.studies.tasks import table
+from srl.studies.tasks.environment import environment
+from srl.studies.tasks.task import DONE, Row, TrialTask, Value
+from srl.studies.toolkit.errors import StudyError
 
 _Entry = TypeVar("_Entry", bound=tuple[Any, ...])
 ORDER: Final = "order.json"

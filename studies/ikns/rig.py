@@ -12,19 +12,19 @@ from typing import Any, Final, cast
 import numpy as np
 from ruamel.yaml import YAML
 
-from runtime.contracts.files import Files
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Dof, Explore, Hold, Instruction
-from runtime.control.ikns.calibration import Calibration, Recording, Thresholds, calibrate, refusals
-from runtime.control.ikns.record import Record
-from runtime.ipc.requests import RequestKind
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
-from sim.parts.body.upper_body import UpperBodyPart
-from sim.world.cell import Cell
-from studies.toolkit.errors import StudyError
+from srl.control.ikns.calibration import Calibration, Recording, Thresholds, calibrate, refusals
+from srl.control.ikns.record import Record
+from srl.runtime.contracts.files import Files
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Dof, Explore, Hold, Instruction
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
+from srl.sim.parts.body.upper_body import UpperBodyPart
+from srl.sim.world.cell import Cell
+from srl.studies.toolkit.errors import StudyError
 
 FILE: Final = "ikns-finger.calibration.json"  # as the profile ikns-finger names it
 DOFS: Final[tuple[Dof, ...]] = ("swivel", "shrug", "protraction")
@@ -57,7 +57,7 @@ class Rig:
 
     Attributes:
         lockstep: the profile.
-        wearer: as `runtime.contracts.wearer.Wearer`.
+        wearer: as `srl.runtime.contracts.wearer.Wearer`.
         views: the signals of the present cycle, by name.
         rate: Hz.
         disturb: called between the cameras and the laws of each cycle.

@@ -16,15 +16,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from studies.ikns.columns import mean, most
-from studies.ikns.rig import FILE
-from studies.ikns.robustness_trial import MARKERS
-from studies.ikns.wearers import assumed
-from studies.result import Claim, Result
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
-from studies.toolkit.statistics import interval
+from srl.runtime.contracts.signals import Array
+from srl.studies.ikns.columns import mean, most
+from srl.studies.ikns.rig import FILE
+from srl.studies.ikns.robustness_trial import MARKERS
+from srl.studies.ikns.wearers import assumed
+from srl.studies.result import Claim, Result
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
+from srl.studies.toolkit.statistics import interval
 
 STUDY: Final = "ikns-robustness"
 PROFILE: Final = "ikns-finger"
@@ -89,7 +89,7 @@ def _key(row: Row) -> tuple[str, str, bool, int]:
 
 def tasks(chosen: Iterable[Condition], count: int) -> list[TrialTask]:
     """All seeds of one condition together."""
-    calibration = (resources.files("profiles") / FILE).read_text()
+    calibration = (resources.files("srl.profiles") / FILE).read_text()
     found = []
     for seed in range(1, count + 1):
         for condition in chosen:

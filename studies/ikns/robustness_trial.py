@@ -9,14 +9,14 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.wearer import Follow, Hold
-from runtime.control.ikns import record
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import State
-from studies.ikns.curves import SETTLE, curve, scores
-from studies.ikns.rig import FILE, Rig
-from studies.tasks.task import Value
+from srl.control.ikns import record
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.wearer import Follow, Hold
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.words import State
+from srl.studies.ikns.curves import SETTLE, curve, scores
+from srl.studies.ikns.rig import FILE, Rig
+from srl.studies.tasks.task import Value
 
 CURVE: Final = "T3"
 SECONDS: Final = 15.0  # of the curve

@@ -15,15 +15,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.ikns.curves import KINDS
-from studies.ikns.tracking_analysis import analysed, figure
-from studies.ikns.tracking_order import CONDITIONS, NAME, REPETITIONS, ordered
-from studies.ikns.tracking_person import session
-from studies.ikns.tracking_trial import PROFILE
-from studies.ikns.wearers import COUNT, Wearer, assumed, wearers
-from studies.result import Result
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.studies.ikns.curves import KINDS
+from srl.studies.ikns.tracking_analysis import analysed, figure
+from srl.studies.ikns.tracking_order import CONDITIONS, NAME, REPETITIONS, ordered
+from srl.studies.ikns.tracking_person import session
+from srl.studies.ikns.tracking_trial import PROFILE
+from srl.studies.ikns.wearers import COUNT, Wearer, assumed, wearers
+from srl.studies.result import Result
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 MODELS: Final = ("preview", "pursuit")
 __all__ = ["run", "session", "study", "sweep"]

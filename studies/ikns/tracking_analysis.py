@@ -12,11 +12,11 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.contracts.signals import Array
-from studies.ikns.curves import KINDS, SECONDS, curve
-from studies.ikns.published import PAIRED_T, RMSE, SHAPIRO_WILK
-from studies.result import Claim
-from studies.toolkit.statistics import interval, paired_t, shapiro_wilk, summary, tost
+from srl.runtime.contracts.signals import Array
+from srl.studies.ikns.curves import KINDS, SECONDS, curve
+from srl.studies.ikns.published import PAIRED_T, RMSE, SHAPIRO_WILK
+from srl.studies.result import Claim
+from srl.studies.toolkit.statistics import interval, paired_t, shapiro_wilk, summary, tost
 
 Rows = Sequence[Mapping[str, Any]]
 MARGIN: Final = 1.0  # % of the greatest value: two conditions that differ by less are taken as equivalent

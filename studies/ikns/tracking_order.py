@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from studies.ikns.curves import KINDS
+from srl.studies.ikns.curves import KINDS
 
 NAME: Final = "ikns-tracking"
 CONDITIONS: Final = ("ikns", "gamepad")

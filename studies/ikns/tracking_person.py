@@ -13,23 +13,23 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.files import decoded
-from runtime.contracts.signals import Array
-from runtime.control.ikns import record
-from runtime.control.ikns.sibson import Sibson
-from runtime.ipc.ring import RingReader
-from runtime.panel.screen import Screen
-from runtime.panel.trial import ScreenTrial, Trial
-from runtime.profile.plots import pick
-from studies.ikns import people
-from studies.ikns.curves import SECONDS, SETTLE, curve, scores
-from studies.ikns.tracking_analysis import analysed, figure
-from studies.ikns.tracking_order import NAME, REPETITIONS, Entry, ordered
-from studies.ikns.tracking_trial import COARSE, PROFILE, VALUE, stillness
-from studies.result import Result
-from studies.tasks import table
-from studies.tasks.task import Value
-from studies.toolkit.errors import StudyError
+from srl.control.ikns import record
+from srl.control.ikns.sibson import Sibson
+from srl.runtime.contracts.files import decoded
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.profile.plots import pick
+from srl.runtime.web.panel.screen import Screen
+from srl.runtime.web.panel.trial import ScreenTrial, Trial
+from srl.studies.ikns import people
+from srl.studies.ikns.curves import SECONDS, SETTLE, curve, scores
+from srl.studies.ikns.tracking_analysis import analysed, figure
+from srl.studies.ikns.tracking_order import NAME, REPETITIONS, Entry, ordered
+from srl.studies.ikns.tracking_trial import COARSE, PROFILE, VALUE, stillness
+from srl.studies.result import Result
+from srl.studies.tasks import table
+from srl.studies.tasks.task import Value
+from srl.studies.toolkit.errors import StudyError
 
 _REST: Final = 5.0  # s between trials, at least
 _SAMPLES: Final = 1001  # of a curve, as the screen gets it

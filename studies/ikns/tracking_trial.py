@@ -12,25 +12,25 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from runtime.calibration import cut as cutting
-from runtime.calibration import result as results
-from runtime.calibration.guide import Guide, QuitError
-from runtime.calibration.screen import Plain
-from runtime.calibration.sources import LOOK, Simulated
-from runtime.calibration.taps import Taps, taps
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Follow, Hold
-from runtime.control.ikns import record
-from runtime.control.ikns.calibration import CalibrationError, Thresholds
-from runtime.control.ikns.procedure import Plan, Procedure
-from runtime.control.ikns.record import RecordError
-from runtime.control.ikns.sibson import Sibson
-from sim.devices.gamepad.fake import FakeGamepad
-from sim.parts.body.wearer_config import Tracking
-from studies.ikns.curves import SECONDS, SETTLE, curve, scores
-from studies.ikns.rig import DATE, FILE, Rig, worn
-from studies.ikns.trigger import TriggerFinger
-from studies.tasks.task import Value
+from srl.commissioning.calibration import cut as cutting
+from srl.commissioning.calibration import result as results
+from srl.commissioning.calibration.guide import Guide, QuitError
+from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
+from srl.commissioning.calibration.screen import Plain
+from srl.commissioning.calibration.sources import LOOK, Simulated
+from srl.commissioning.calibration.taps import Taps, taps
+from srl.control.ikns import record
+from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.control.ikns.record import RecordError
+from srl.control.ikns.sibson import Sibson
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Follow, Hold
+from srl.sim.devices.gamepad.fake import FakeGamepad
+from srl.sim.parts.body.wearer_config import Tracking
+from srl.studies.ikns.curves import SECONDS, SETTLE, curve, scores
+from srl.studies.ikns.rig import DATE, FILE, Rig, worn
+from srl.studies.ikns.trigger import TriggerFinger
+from srl.studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"
 VALUE: Final = "intent.c"

@@ -1,6 +1,6 @@
 """The index finger of a simulated wearer on a gamepad's trigger.
 
-It reads the displayed curve and the pointer as the arm does (`sim.parts.body.tracking`): the same lag, delay and
+It reads the displayed curve and the pointer as the arm does (`srl.sim.parts.body.tracking`): the same lag, delay and
 learned line. What differs is the limb: a finger against a spring, whose force is noisy in proportion to the force, and
 whose motion is noisy in proportion to its speed, as the arm's.
 """
@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from sim.parts.body.tracking import Tracker
-from sim.parts.body.wearer_config import Tracking
-from sim.parts.person.noise import Wander
-from sim.wearer.motion import quintic
+from srl.sim.parts.body.tracking import Tracker
+from srl.sim.parts.body.wearer_config import Tracking
+from srl.sim.parts.person.noise import Wander
+from srl.sim.wearer.motion import quintic
 
 _NAME: Final = "trigger"
 _TICK: Final = 0.005  # s, as the arm's

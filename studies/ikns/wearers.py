@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.control.ikns.body import FRACTIONS
-from runtime.control.models import BodyModel
-from studies.toolkit import subjects
+from srl.runtime.models.body import FRACTIONS
+from srl.runtime.models.models import BodyModel
+from srl.studies.toolkit import subjects
 
 COUNT: Final = 50
 LIST: Final = Path(__file__).with_suffix(".csv")
@@ -126,7 +126,7 @@ def drawn() -> list[Wearer]:
 
 
 def main() -> None:
-    """Writes the list: `python -m studies.ikns.wearers`."""
+    """Writes the list: `python -m srl.studies.ikns.wearers`."""
     subjects.write(LIST, drawn())
 
 

@@ -1,4 +1,4 @@
-"""What the law `intention` is worth on simulated people: `python -m studies.intention.accuracy [--people 12]`.
+"""What the law `intention` is worth on simulated people: `python -m srl.studies.intention.accuracy [--people 12]`.
 
 It says nothing about people.
 """
@@ -15,13 +15,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.files import KeptFile
-from runtime.contracts.signals import Array
-from runtime.control.intention.law import Intention, IntentionConfig
-from runtime.control.intention.record import Record
-from runtime.control.intention.training import Held, Recogniser, Thresholds, train
-from sim.parts.body.motion import Script
-from studies.intention.people import DT, TRUNK, Session, begun, session, unrelated
+from srl.control.intention.law import Intention, IntentionConfig
+from srl.control.intention.record import Record
+from srl.control.intention.training import Held, Recogniser, Thresholds, train
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.body.motion import Script
+from srl.studies.intention.people import DT, TRUNK, Session, begun, session, unrelated
 
 _KINDS: Final[tuple[Script, ...]] = ("still", "walk", "reach")
 _SECONDS: Final = 60.0

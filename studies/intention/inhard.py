@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.control.intention.features import FRAMES, RATE, frames, joints, trunk_of
-from runtime.control.intention.record import Record
-from runtime.control.intention.training import Held, Recogniser, Thresholds, Trial, train
-from sim.wearer import inhard
+from srl.control.intention.features import FRAMES, RATE, frames, joints, trunk_of
+from srl.control.intention.record import Record
+from srl.control.intention.training import Held, Recogniser, Thresholds, Trial, train
+from srl.sim.wearer import inhard
 
 
 def trials(folder: Path, leave_out: Collection[str] = ("no-action",)) -> list[Trial]:
     """The data set's actions as trials; a group is a person. Those that are shorter than a window are left out.
 
     Args:
-        folder: unpacked, as in `sim.wearer.inhard`.
+        folder: unpacked, as in `srl.sim.wearer.inhard`.
         leave_out: labels.
     Raises:
         RecordingError: a file isn't as it should be.

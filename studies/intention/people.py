@@ -7,14 +7,14 @@ from typing import Final, get_args
 
 import numpy as np
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Action, Perform, Rest, Walk
-from runtime.control.intention.features import RATE, frames, joints, trunk_of
-from runtime.control.intention.training import Thresholds, Trial
-from sim.parts.body.motion import Script, Scripted
-from sim.wearer.people import MISFIT, subject
-from sim.wearer.performer import Performer, measured
+from srl.control.intention.features import RATE, frames, joints, trunk_of
+from srl.control.intention.training import Thresholds, Trial
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Action, Perform, Rest, Walk
+from srl.sim.parts.body.motion import Script, Scripted
+from srl.sim.wearer.people import MISFIT, subject
+from srl.sim.wearer.performer import Performer, measured
 
 SKELETON: Final = Skeleton("axis-neuron")
 TRUNK: Final = trunk_of(SKELETON.names)
@@ -71,7 +71,7 @@ def session(number: int, repetitions: int = 3, seed: int = 0, misfit: float = MI
     """A simulated person's session: in each repetition it stands, does each action in a drawn order, and walks.
 
     Args:
-        number: who it is (`sim.wearer.people`).
+        number: who it is (`srl.sim.wearer.people`).
         repetitions: of each action.
         seed: of the order, of how the suit sits, and of its noise.
         misfit: degrees rms, by which the suit is off.

@@ -7,14 +7,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
-from sim.parts.person.plans import Press, drilling
-from studies.simulated import Run, Setup, controllers, simulate, without_hand
-from studies.superman import user_trial
-from studies.superman.assumptions import assumed
-from studies.superman.persons import Person
-from studies.superman.user_trial import Mask
-from studies.tasks.task import Value
+from srl.runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
+from srl.sim.parts.person.plans import Press, drilling
+from srl.studies.simulated import Run, Setup, controllers, simulate, without_hand
+from srl.studies.superman import user_trial
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import Person
+from srl.studies.superman.user_trial import Mask
+from srl.studies.tasks.task import Value
 
 STUDY: Final = "overhead-drilling"
 PROFILES: Final = {"HR": "kairos-man", "H": "moca-man"}

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 _LONGEST: Final = 0.3  # s, greatest delay that is searched
 

@@ -8,17 +8,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.contracts.gravity import GRAVITY
-from studies.result import Claim, Result
-from studies.superman import persons as people
-from studies.superman.assumptions import assumed
-from studies.superman.load_figure import draw
-from studies.superman.load_trial import PROFILE, STUDY, shortened
-from studies.superman.persons import COUNT, persons
-from studies.superman.shares import share
-from studies.tasks.runner import Runner
-from studies.tasks.task import TrialTask
-from studies.toolkit.estimates import Estimate, estimate
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.studies.result import Claim, Result
+from srl.studies.superman import persons as people
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.load_figure import draw
+from srl.studies.superman.load_trial import PROFILE, STUDY, shortened
+from srl.studies.superman.persons import COUNT, persons
+from srl.studies.superman.shares import share
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import TrialTask
+from srl.studies.toolkit.estimates import Estimate, estimate
 
 TRIAL: Final = "superman-load"
 Row = Mapping[str, Any]

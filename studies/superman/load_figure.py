@@ -10,7 +10,7 @@ from typing import Any, Final, cast
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 _VIOLET: Final = "#7b4fa3"
 _YELLOW: Final = "#e0b400"

@@ -14,14 +14,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.rotation import conjugate, normalised, product
-from runtime.contracts.signals import Array
-from runtime.control.cobot.guide_buttons import MODES
-from studies.simulated import Run, Setup, largest, simulate
-from studies.superman.assumptions import assumed
-from studies.superman.persons import Person
-from studies.tasks.task import Value
+from srl.control.cobot.guide_buttons import MODES
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.rotation import conjugate, normalised, product
+from srl.runtime.contracts.signals import Array
+from srl.studies.simulated import Run, Setup, largest, simulate
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import Person
+from srl.studies.tasks.task import Value
 
 STUDY: Final = "load-carrying"
 PROFILE: Final = "kairos-man"

@@ -6,15 +6,15 @@ import math
 from pathlib import Path
 from typing import Final
 
-from studies.result import Result
-from studies.superman import user_study
-from studies.superman.assumptions import assumed as assumptions
-from studies.superman.drilling_trial import PROFILES, STUDY
-from studies.superman.persons import COUNT, assumed, persons
-from studies.superman.published import CONDITIONS, HOLES, PRINTED_II, TABLE_II
-from studies.superman.user_trial import MUSCLES
-from studies.tasks.runner import Runner
-from studies.toolkit.trials import Trial, table
+from srl.studies.result import Result
+from srl.studies.superman import user_study
+from srl.studies.superman.assumptions import assumed as assumptions
+from srl.studies.superman.drilling_trial import PROFILES, STUDY
+from srl.studies.superman.persons import COUNT, assumed, persons
+from srl.studies.superman.published import CONDITIONS, HOLES, PRINTED_II, TABLE_II
+from srl.studies.superman.user_trial import MUSCLES
+from srl.studies.tasks.runner import Runner
+from srl.studies.toolkit.trials import Trial, table
 
 TRIAL: Final = "superman-drilling"
 MEASURES: Final = {m.name: (m.unit, m.meaning) for m in TABLE_II.measures}

@@ -13,10 +13,10 @@ from math import atan, pi, sqrt
 from pathlib import Path
 from typing import Any, Final
 
-from studies.result import Claim, Result
-from studies.superman.assumptions import assumed
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.studies.result import Claim, Result
+from srl.studies.superman.assumptions import assumed
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 STUDY: Final = "passivity"
 ROBOTS: Final = {"moca": "moca-man", "kairos": "kairos-man"}

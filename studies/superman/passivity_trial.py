@@ -15,15 +15,15 @@ from typing import Any, Final, cast
 import numpy as np
 from ruamel.yaml import YAML
 
-from runtime.contracts.signals import Array
-from runtime.ipc.words import CYCLE, Cause, State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from sim.parts.things.ft_sensor import HandlePart
-from sim.world.cell import Cell
-from studies.simulated import merged
-from studies.superman.lag import lag
-from studies.tasks.task import Value
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.sim.parts.things.ft_sensor import HandlePart
+from srl.sim.world.cell import Cell
+from srl.studies.simulated import merged
+from srl.studies.superman.lag import lag
+from srl.studies.tasks.task import Value
 
 PRESS: Final = 0.3  # s, when A is pressed
 BEGIN: Final = 1.2  # s, when a knock or a push begins: the hand has held the handle since it was pressed

@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import chi2
 
-from studies.result import Claim, Result
-from studies.superman.assumptions import assumed
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.studies.result import Claim, Result
+from srl.studies.superman.assumptions import assumed
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 STUDY: Final = "payload"
 PROFILE: Final = "kairos-man"

@@ -15,11 +15,11 @@ import numpy as np
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.gravity import DOWN
-from runtime.contracts.signals import Array
-from runtime.control.cobot.load_watch import Phase
-from runtime.control.cobot.payload import Payload, PayloadConfig
-from studies.tasks.task import Value
+from srl.control.cobot.load_watch import Phase
+from srl.control.cobot.payload import Payload, PayloadConfig
+from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.signals import Array
+from srl.studies.tasks.task import Value
 
 _G: Final = np.array(DOWN)
 _BEFORE, _LIFT, _AFTER = 1.0, 0.15, 1.0  # s with the gripper open; m; s after the lift

@@ -13,15 +13,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.gravity import GRAVITY
-from studies.result import Claim, Result
-from studies.superman import persons as people
-from studies.superman.assumptions import assumed
-from studies.superman.peg_trial import COMPLIANT, CONDITIONS, KAIROS_BARE, MOCA, MOCA_BARE, STUDY, Condition
-from studies.superman.persons import COUNT, persons
-from studies.superman.shares import share
-from studies.tasks.runner import Runner
-from studies.tasks.task import TrialTask
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.studies.result import Claim, Result
+from srl.studies.superman import persons as people
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.peg_trial import COMPLIANT, CONDITIONS, KAIROS_BARE, MOCA, MOCA_BARE, STUDY, Condition
+from srl.studies.superman.persons import COUNT, persons
+from srl.studies.superman.shares import share
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import TrialTask
 
 TRIAL: Final = "superman-peg"
 Rows = Sequence[Mapping[str, Any]]

@@ -12,15 +12,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
-from runtime.contracts.signals import Array
-from sim.parts.person.plans import peg_in_hole
-from studies.simulated import Run, Setup, controllers, largest, simulate, without_hand
-from studies.superman import user_trial
-from studies.superman.as_published import as_published
-from studies.superman.assumptions import assumed
-from studies.superman.persons import Person
-from studies.tasks.task import Value
+from srl.runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.person.plans import peg_in_hole
+from srl.studies.simulated import Run, Setup, controllers, largest, simulate, without_hand
+from srl.studies.superman import user_trial
+from srl.studies.superman.as_published import as_published
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import Person
+from srl.studies.tasks.task import Value
 
 STUDY: Final = "peg-in-hole"
 SIGNALS: Final = (

@@ -14,9 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, exp
-from sim.parts.person.practice import practised
-from studies.toolkit import subjects
+from srl.runtime.contracts.rotation import Quaternion, exp
+from srl.sim.parts.person.practice import practised
+from srl.studies.toolkit import subjects
 
 COUNT: Final = 50
 LIST: Final = Path(__file__).with_suffix(".csv")
@@ -136,7 +136,7 @@ def drawn() -> list[Person]:
 
 
 def main() -> None:
-    """Writes the list: `python -m studies.superman.persons`."""
+    """Writes the list: `python -m srl.studies.superman.persons`."""
     subjects.write(LIST, drawn())
 
 

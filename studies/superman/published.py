@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from studies.toolkit.tables import Difference, Measure, Printed, Table
+from srl.studies.toolkit.tables import Difference, Measure, Printed, Table
 
 CONDITIONS: Final = ("HR", "H")
 SUBJECTS: Final = tuple(f"S{i}" for i in range(1, 13))

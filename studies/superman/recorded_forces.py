@@ -15,15 +15,15 @@ from typing import Any, Final, cast
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.contracts.signals import Array
-from runtime.control.cobot.admittance import AdmittanceConfig
-from runtime.profile import profile
-from sim.wearer.forces import ForceRecording, Forces, load_forces
-from sim.wearer.mat5 import read_mat5
-from sim.wearer.tables import read_rows
-from studies.result import Claim, Result
-from studies.simulated import Run, Setup, controllers, simulate
-from studies.superman.assumptions import assumed
+from srl.control.cobot.admittance import AdmittanceConfig
+from srl.runtime.contracts.signals import Array
+from srl.runtime.profile import profile
+from srl.sim.wearer.forces import ForceRecording, Forces, load_forces
+from srl.sim.wearer.mat5 import read_mat5
+from srl.sim.wearer.tables import read_rows
+from srl.studies.result import Claim, Result
+from srl.studies.simulated import Run, Setup, controllers, simulate
+from srl.studies.superman.assumptions import assumed
 
 NAME: Final = "recorded-forces"
 PROFILE: Final = "moca-man"

@@ -12,11 +12,11 @@ from typing import Any, Final
 
 from matplotlib.figure import Figure
 
-from runtime.control.cobot.admittance import AdmittanceConfig
-from studies.result import Claim, Result
-from studies.superman.rendered_trial import TRIAL
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row, TrialTask
+from srl.control.cobot.admittance import AdmittanceConfig
+from srl.studies.result import Claim, Result
+from srl.studies.superman.rendered_trial import TRIAL
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row, TrialTask
 
 STUDY: Final = "rendered-impedance"
 ROBOTS: Final = {"moca": "moca-man", "kairos": "kairos-man"}

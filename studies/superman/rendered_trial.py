@@ -13,16 +13,16 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, error
-from runtime.contracts.signals import Array
-from runtime.ipc.words import CYCLE, Cause
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from sim.parts.things.ft_sensor import HandlePart
-from sim.world.cell import Cell
-from studies.simulated import parsed
-from studies.superman.as_published import as_published
-from studies.tasks.task import Value
+from srl.runtime.contracts.rotation import Quaternion, error
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import CYCLE, Cause
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.sim.parts.things.ft_sensor import HandlePart
+from srl.sim.world.cell import Cell
+from srl.studies.simulated import parsed
+from srl.studies.superman.as_published import as_published
+from srl.studies.tasks.task import Value
 
 TRIAL: Final = "superman-rendered"
 AXES: Final = ("y", "z", "rz")

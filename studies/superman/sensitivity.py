@@ -13,12 +13,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.gravity import GRAVITY
-from studies.result import Result
-from studies.superman import load_carrying, load_trial, peg_trial
-from studies.superman.assumptions import assumed
-from studies.superman.sensitivity_design import NAMES, STUDY, Point, points, tasks
-from studies.tasks.runner import Runner
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.studies.result import Result
+from srl.studies.superman import load_carrying, load_trial, peg_trial
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.sensitivity_design import NAMES, STUDY, Point, points, tasks
+from srl.studies.tasks.runner import Runner
 
 Rows = Mapping[str, Mapping[str, Any]]  # of one point, by name of the trial
 Margin = Callable[[Rows, Mapping[str, Any]], float]

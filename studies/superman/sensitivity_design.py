@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from studies.superman import drilling_trial, load_trial, peg_trial, wire_trial
-from studies.superman.assumptions import assumed
-from studies.superman.persons import Person
-from studies.superman.persons import assumed as distributions
-from studies.tasks.task import TrialTask
+from srl.studies.superman import drilling_trial, load_trial, peg_trial, wire_trial
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import Person
+from srl.studies.superman.persons import assumed as distributions
+from srl.studies.tasks.task import TrialTask
 
 STUDY: Final = "sensitivity"
 

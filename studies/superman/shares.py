@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from studies.result import Claim
-from studies.toolkit.statistics import proportion
+from srl.studies.result import Claim
+from srl.studies.toolkit.statistics import proportion
 
 
 @dataclass(frozen=True)

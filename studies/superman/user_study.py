@@ -8,17 +8,17 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.result import Claim
-from studies.superman.persons import Person
-from studies.superman.published import CONDITIONS
-from studies.superman.user_trial import MUSCLES
-from studies.tasks.runner import Runner
-from studies.tasks.task import TrialTask
-from studies.toolkit import boxplots
-from studies.toolkit.estimates import Estimate, estimate
-from studies.toolkit.statistics import paired_t, shapiro_wilk, sign_test, words
-from studies.toolkit.tables import Printed, Table
-from studies.toolkit.trials import Trial
+from srl.studies.result import Claim
+from srl.studies.superman.persons import Person
+from srl.studies.superman.published import CONDITIONS
+from srl.studies.superman.user_trial import MUSCLES
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import TrialTask
+from srl.studies.toolkit import boxplots
+from srl.studies.toolkit.estimates import Estimate, estimate
+from srl.studies.toolkit.statistics import paired_t, shapiro_wilk, sign_test, words
+from srl.studies.toolkit.tables import Printed, Table
+from srl.studies.toolkit.trials import Trial
 
 
 def tasks(

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.simulated import Run
+from srl.studies.simulated import Run
 
 Mask = NDArray[np.bool_]
 MUSCLES: Final = ("AD", "PD", "BC", "TR")  # in the order of the person's activations
@@ -16,7 +16,7 @@ _BUTTONS: Final = {"admittance": "A", "mode": "M", "gripper": "G", "priority": "
 
 
 def plan(steps: Iterable[Any], patience: float) -> list[dict[str, Any]]:
-    """Converts steps of sim.parts.person.plans to the form of a profile, with the profiles' buttons."""
+    """Converts steps of srl.sim.parts.person.plans to the form of a profile, with the profiles' buttons."""
     out = []
     for step in steps:
         entry = step.model_dump(mode="json", exclude_none=True)

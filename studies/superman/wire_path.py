@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from studies.result import Result
-from studies.superman import user_study
-from studies.superman.persons import COUNT, assumed, persons
-from studies.superman.published import CONDITIONS, PRINTED_I, TABLE_I
-from studies.superman.user_trial import MUSCLES
-from studies.superman.wire_trial import PROFILE, STUDY
-from studies.tasks.runner import Runner
-from studies.toolkit.trials import Trial, table
+from srl.studies.result import Result
+from srl.studies.superman import user_study
+from srl.studies.superman.persons import COUNT, assumed, persons
+from srl.studies.superman.published import CONDITIONS, PRINTED_I, TABLE_I
+from srl.studies.superman.user_trial import MUSCLES
+from srl.studies.superman.wire_trial import PROFILE, STUDY
+from srl.studies.tasks.runner import Runner
+from srl.studies.toolkit.trials import Trial, table
 
 TRIAL: Final = "superman-wire"
 MEASURES: Final = {m.name: (m.unit, m.meaning) for m in TABLE_I.measures}

@@ -7,15 +7,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
-from sim.parts.person.path import ArcPath
-from sim.parts.person.plans import wire_path
-from sim.parts.things.wire_ring import RingConfig, WireConfig
-from studies.simulated import Run, Setup, controllers, simulate, without_hand
-from studies.superman import user_trial
-from studies.superman.assumptions import assumed
-from studies.superman.persons import Person
-from studies.tasks.task import Value
+from srl.runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
+from srl.sim.parts.person.path import ArcPath
+from srl.sim.parts.person.plans import wire_path
+from srl.sim.parts.things.wire_ring import RingConfig, WireConfig
+from srl.studies.simulated import Run, Setup, controllers, simulate, without_hand
+from srl.studies.superman import user_trial
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import Person
+from srl.studies.tasks.task import Value
 
 STUDY: Final = "wire-path"
 PROFILE: Final = "moca-man"

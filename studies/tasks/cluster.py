@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from runtime.contracts.errors import HostError, RequestError
-from studies.tasks.environment import differences, environment
-from studies.tasks.task import LOST
-from studies.tasks.worker import PROTOCOL, ProgramError, perform
+from srl.runtime.contracts.errors import HostError, RequestError
+from srl.studies.tasks.environment import differences, environment
+from srl.studies.tasks.task import LOST
+from srl.studies.tasks.worker import PROTOCOL, ProgramError, perform
 
 CONNECT: Final = 10.0  # s for the scheduler to answer, and for a first worker to be there
 ALONE: Final = 60.0  # s without any worker, then the study ends; it can be resumed

@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from runtime.contracts import compiled, provenance
-from studies.tasks.task import GROUP
+from srl.runtime.contracts import compiled, provenance
+from srl.studies.tasks.task import GROUP
 
 OURS: Final = ("runtime", "drivers", "sim", "studies", "profiles")
 _SUFFIXES: Final = (".py", ".yaml")

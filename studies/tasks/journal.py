@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from studies.tasks.task import Row, TrialTask
-from studies.toolkit.errors import StudyError
+from srl.studies.tasks.task import Row, TrialTask
+from srl.studies.toolkit.errors import StudyError
 
 FILE: Final = "trials.journal"
 

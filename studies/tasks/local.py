@@ -11,9 +11,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Final
 
-from runtime.ipc.child import end_with_parent
-from studies.tasks.task import LOST
-from studies.tasks.worker import perform
+from srl.runtime.ipc.child import end_with_parent
+from srl.studies.tasks.task import LOST
+from srl.studies.tasks.worker import perform
 
 TRIES: Final = 3  # times that a worker may die of one task
 

@@ -11,16 +11,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.contracts.errors import RequestError
-from studies.tasks import journal as journals
-from studies.tasks import table
-from studies.tasks.cluster import Cluster
-from studies.tasks.environment import decisive, environment
-from studies.tasks.local import LocalEngine
-from studies.tasks.progress import Progress
-from studies.tasks.task import Row, TrialTask, function
-from studies.tasks.worker import order
-from studies.toolkit.errors import StudyError
+from srl.runtime.contracts.errors import RequestError
+from srl.studies.tasks import journal as journals
+from srl.studies.tasks import table
+from srl.studies.tasks.cluster import Cluster
+from srl.studies.tasks.environment import decisive, environment
+from srl.studies.tasks.local import LocalEngine
+from srl.studies.tasks.progress import Progress
+from srl.studies.tasks.task import Row, TrialTask, function
+from srl.studies.tasks.worker import order
+from srl.studies.toolkit.errors import StudyError
 
 _SHOWN: Final = 5  # failed trials that are named at the end
 

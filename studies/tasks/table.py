@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from studies.tasks.task import Row
-from studies.toolkit.errors import StudyError
+from srl.studies.tasks.task import Row
+from srl.studies.toolkit.errors import StudyError
 
 FILE: Final = "rows.parquet"
 _EXACT: Final = 2**53  # integers beyond aren't all floats
@@ -18,8 +18,8 @@ _EXACT: Final = 2**53  # integers beyond aren't all floats
 def write(path: Path, rows: Sequence[Row]) -> None:
     """Writes the rows in their order, whole or not at all, in place of an older file.
 
-    The columns are those of `studies.tasks.task.COLUMNS`, then the trials' own. What a row doesn't have is null; NaN
-    stays NaN.
+    The columns are those of `srl.studies.tasks.task.COLUMNS`, then the trials' own. What a row doesn't have is null;
+    NaN stays NaN.
 
     Raises:
         StudyError: a column has texts and numbers, or the file can't be written.

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts import registry
-from runtime.profile import profile as profiles
-from studies.toolkit.errors import StudyError
+from srl.runtime.contracts import registry
+from srl.runtime.profile import profile as profiles
+from srl.studies.toolkit.errors import StudyError
 
 Value = bool | int | float | str | None
 Function = Callable[[str, dict[str, Any], int], Mapping[str, Value]]
@@ -79,7 +79,7 @@ class TrialTask:
         """Returns a key that changes if anything changes on which the row depends.
 
         Args:
-            environment: `studies.tasks.environment.decisive`.
+            environment: `srl.studies.tasks.environment.decisive`.
         """
         words = json.dumps([self.identity, self.profile_sha256, sorted(environment.items())])
         return hashlib.sha256(words.encode()).hexdigest()[:32]

@@ -8,9 +8,9 @@ import time
 import traceback
 from typing import Any, Final
 
-from runtime.contracts.errors import HostError
-from studies.tasks import environment as env
-from studies.tasks.task import DONE, FAILED, TrialTask, flat, function
+from srl.runtime.contracts.errors import HostError
+from srl.studies.tasks import environment as env
+from srl.studies.tasks.task import DONE, FAILED, TrialTask, flat, function
 
 PROTOCOL: Final = 1  # of what is sent
 
@@ -31,7 +31,7 @@ def perform(sent: dict[str, Any]) -> dict[str, Any]:
     """Runs one task.
 
     Returns:
-        State, values, error, seconds, worker and environment, as in `studies.tasks.task.Row`. A trial that raises
+        State, values, error, seconds, worker and environment, as in `srl.studies.tasks.task.Row`. A trial that raises
         is an answer, too.
     Raises:
         ProgramError: the program here differs from the client's, so the row would be another one.

@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.contracts.signals import Array
-from studies.toolkit.errors import StudyError, exactly, pairs
-from studies.toolkit.statistics import Box, box, sign_test, stars
+from srl.runtime.contracts.signals import Array
+from srl.studies.toolkit.errors import StudyError, exactly, pairs
+from srl.studies.toolkit.statistics import Box, box, sign_test, stars
 
 # Two of Okabe and Ito's colours. Conditions also differ in position, so a grey print is readable.
 COLORS: Final = ("#0072B2", "#E69F00")

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.signals import Array
 
 
 class StudyError(SrlError):

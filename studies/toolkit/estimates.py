@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.toolkit.statistics import interval
+from srl.studies.toolkit.statistics import interval
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Final
 
-from studies.toolkit import sheets
-from studies.toolkit.errors import StudyError, exactly
+from srl.studies.toolkit import sheets
+from srl.studies.toolkit.errors import StudyError, exactly
 
 SUBSCALES: Final = ("mental_demand", "physical_demand", "temporal_demand", "performance", "effort", "frustration")
 PAIRS: Final = tuple(combinations(SUBSCALES, 2))

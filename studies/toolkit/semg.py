@@ -1,4 +1,4 @@
-"""Muscle activity of a trial, from surface EMG. The processing is the runtime's own (`runtime.control.emg.processing`).
+"""Muscle activity of a trial, from surface EMG. The processing is the runtime's own (`srl.control.emg.processing`).
 
 The paper says only that signals were filtered and normalised. The band and the cut-off here are usual for surface EMG,
 and are stated with every result.
@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.contracts.signals import Array
-from runtime.control.emg.processing import (
+from srl.control.emg.processing import (
     PLACE,
     EmgError,
     Filters,
@@ -24,7 +23,8 @@ from runtime.control.emg.processing import (
     greatest,
     normalise,
 )
-from studies.toolkit.errors import StudyError
+from srl.runtime.contracts.signals import Array
+from srl.studies.toolkit.errors import StudyError
 
 __all__ = [
     "MUSCLES",

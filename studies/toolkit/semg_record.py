@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drivers.trigno.protocol import RATE
-from runtime.contracts.errors import nearest
-from runtime.contracts.signals import Array
-from runtime.recording.reader import Recording
-from studies.toolkit import semg
-from studies.toolkit.errors import StudyError
-from studies.toolkit.semg import Activity, Filters
+from srl.drivers.trigno.protocol import RATE
+from srl.runtime.contracts.errors import nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.recording.reader import Recording
+from srl.studies.toolkit import semg
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.semg import Activity, Filters
 
 LATE: Final = 0.005  # s by which stamps may be ahead of the count; a missing radio frame is 0.0135 s
 GONE: Final = 0.1  # s of exact zeros after which a sensor counts as out of reach (sheet delsys_trigno §5)

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from runtime.contracts.files import read_regular
-from studies.toolkit.errors import StudyError
+from srl.runtime.contracts.files import read_regular
+from srl.studies.toolkit.errors import StudyError
 
 MOST = 1 << 26  # bytes of a sheet
 

@@ -9,8 +9,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.contracts.signals import Array
-from studies.toolkit.errors import StudyError, numbers, pairs
+from srl.runtime.contracts.signals import Array
+from srl.studies.toolkit.errors import StudyError, numbers, pairs
 
 LEVELS: Final = (0.001, 0.01, 0.05)  # the paper's levels of significance
 WHISKER: Final = 1.5  # interquartile ranges, Tukey's

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from studies.toolkit.errors import StudyError, exactly, numbers
-from studies.toolkit.statistics import SignTest, Summary, level, sign_test, summary, words
+from srl.studies.toolkit.errors import StudyError, exactly, numbers
+from srl.studies.toolkit.statistics import SignTest, Summary, level, sign_test, summary, words
 
 
 @dataclass(frozen=True)

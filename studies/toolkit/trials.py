@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.contracts.signals import Array
-from studies.toolkit import sheets
-from studies.toolkit.errors import StudyError, pairs
-from studies.toolkit.tables import Measure, Table
+from srl.runtime.contracts.signals import Array
+from srl.studies.toolkit import sheets
+from srl.studies.toolkit.errors import StudyError, pairs
+from srl.studies.toolkit.tables import Measure, Table
 
 
 @dataclass(frozen=True)

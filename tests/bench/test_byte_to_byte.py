@@ -20,7 +20,7 @@ from bench import byte_to_byte as bench
 from bench.by_hand import compiled
 from bench.byte_ends import Arm, Handle, frame, values
 from bench.pairs import PartlyError
-from runtime.contracts import registry
+from srl.runtime.contracts import registry
 
 ANGLES = st.floats(allow_nan=False, allow_infinity=False)
 

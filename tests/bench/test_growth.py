@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from bench import growth
-from runtime.ipc.words import Cause
-from runtime.loop.machine import Fault
-from runtime.profile import profile, wiring
+from srl.runtime.ipc.words import Cause
+from srl.runtime.loop.machine import Fault
+from srl.runtime.profile import profile, wiring
 
 
 @pytest.mark.parametrize(("limbs", "servos"), [(1, 1), (max(growth.LIMBS), growth.EACH), (1, max(growth.SERVOS))])

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from bench import object_mapping as bench
-from runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.rotation import homogeneous
 
 
 @pytest.mark.parametrize("count", [1, 4])

@@ -12,7 +12,7 @@ from helpers.wait import until
 from bench import __main__ as command
 from bench import one
 from bench.catalogue import BENCHES, Bench
-from studies.faults.live_run import lives
+from srl.studies.faults.live_run import lives
 
 _BENCHES = """
 import os, pathlib, signal, subprocess, sys, time

@@ -15,14 +15,14 @@ from helpers.bus import Instance, sockets
 from helpers.run import refused
 from helpers.wait import until
 
-from runtime.bus import certificates, session
-from runtime.bus.certificates import authority, sign
-from runtime.bus.client import connect
-from runtime.cli import main
-from runtime.contracts.errors import HostError, RequestError
-from runtime.contracts.tls import TlsConfig
-from runtime.profile.bus import BusConfig
-from runtime.profile.keys import Keys
+from srl.runtime.bus import certificates, session
+from srl.runtime.bus.certificates import authority, sign
+from srl.runtime.bus.client import connect
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.contracts.tls import TlsConfig
+from srl.runtime.profile.bus import BusConfig
+from srl.runtime.profile.keys import Keys
 
 ROLES = {"observer": ["otto"], "operator": ["anna"], "engineer": ["eva"]}
 

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.bus.process import APPENDED, SELDOM, SOON, next_look
-from runtime.ipc.words import CYCLE
+from srl.runtime.bus.process import APPENDED, SELDOM, SOON, next_look
+from srl.runtime.ipc.words import CYCLE
 
 
 def _row(cycle: int, write: int) -> np.ndarray:

@@ -19,14 +19,14 @@ from helpers.bus import JOINTS, Instance, Run, reach, sockets, spawn
 from helpers.run import alive
 from helpers.wait import until
 
-from runtime.bus import session
-from runtime.bus.client import connect
-from runtime.contracts.errors import RequestError
-from runtime.ipc import run_folder
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import State
-from runtime.messages import cdr, messages
+from srl.runtime.bus import session
+from srl.runtime.bus.client import connect
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc import run_folder
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import State
+from srl.runtime.messages import cdr, messages
 
 PULL = "object-mapping.pull"
 
@@ -56,7 +56,7 @@ def own(tmp_path: Path) -> Iterator[Instance]:
 def test_another_process_reads_states(one: Instance) -> None:
     script = f"""
 import json
-from runtime.bus.client import connect
+from srl.runtime.bus.client import connect
 found = {{}}
 with connect({str(one.run_folder.path)!r}) as client:
     for update in client.states(timeout=5):
@@ -365,7 +365,7 @@ def test_it_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
     run.start()
     script = (
         "import subprocess, sys, time\n"
-        "p = subprocess.Popen([sys.executable, '-m', 'runtime.bus', sys.argv[1]])\n"
+        "p = subprocess.Popen([sys.executable, '-m', 'srl.runtime.bus', sys.argv[1]])\n"
         "print(p.pid, flush=True)\ntime.sleep(60)\n"
     )
     supervisor = subprocess.Popen([sys.executable, "-c", script, str(run.run_folder.path)], stdout=subprocess.PIPE)

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from helpers.bus import layout
 
-from runtime.bus.arrivals import ASIDE, QUERIES, SAMPLES, Arrivals
-from runtime.bus.requests import PATIENCE, UNDERWAY, WAITING, Requests
-from runtime.bus.status import Counts
-from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
-from runtime.ipc.row import Row
-from runtime.ipc.words import CYCLE, DEVICE, Latch, Origin, State
-from runtime.profile.keys import Keys
+from srl.runtime.bus.arrivals import ASIDE, QUERIES, SAMPLES, Arrivals
+from srl.runtime.bus.requests import PATIENCE, UNDERWAY, WAITING, Requests
+from srl.runtime.bus.status import Counts
+from srl.runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
+from srl.runtime.ipc.row import Row
+from srl.runtime.ipc.words import CYCLE, DEVICE, Latch, Origin, State
+from srl.runtime.profile.keys import Keys
 
 
 class Query:

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from helpers.bus import Run, reach, spawn
 
-from runtime.cli import top
-from runtime.contracts.errors import RequestError
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import Latch
+from srl.runtime.cli import top
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import Latch
 
 
 @pytest.fixture

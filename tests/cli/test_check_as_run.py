@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli import main
-from runtime.profile import profile
+from srl.runtime.cli import main
+from srl.runtime.profile import profile
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:

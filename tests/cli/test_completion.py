@@ -11,8 +11,8 @@ from pathlib import Path
 import argcomplete
 import pytest
 
-from runtime.contracts import registry
-from runtime.profile import shelf
+from srl.runtime.contracts import registry
+from srl.runtime.profile import shelf
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,7 +24,7 @@ def offered(line: str, tmp_path: Path) -> set[str]:
         "_ARGCOMPLETE": "1", "_ARGCOMPLETE_SHELL": "bash", "_ARGCOMPLETE_STDOUT_FILENAME": str(said),
         "_ARGCOMPLETE_IFS": "\n", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9",
     }  # fmt: skip
-    subprocess.run([sys.executable, "-m", "runtime"], env=os.environ | variables, timeout=100, check=True, cwd=tmp_path)
+    subprocess.run([sys.executable, "-m", "srl"], env=os.environ | variables, timeout=100, check=True, cwd=tmp_path)
     return {word.strip() for word in said.read_text().split("\n")}
 
 

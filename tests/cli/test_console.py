@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from helpers.run import srl
 
-from runtime.cli.console import Console
-from runtime.ipc.events import Level
+from srl.runtime.cli.console import Console
+from srl.runtime.ipc.events import Level
 
 
 def test_a_remark_is_a_line(capfd: pytest.CaptureFixture[str]) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from runtime.cli.run import _check_owners
-from runtime.contracts.errors import RequestError
-from runtime.recording.summary import owner
+from srl.runtime.cli.run import _check_owners
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.recording.summary import owner
 
 JSON = json.dumps({"format": "srl-emg-1", "person": "P07", "simulated": False}).encode()
 YAML = b"person: P07\nhand: right\n"
@@ -52,7 +52,7 @@ def test_what_names_nobody_belongs_to_nobody(content: bytes) -> None:
 
 
 def test_the_command_says_it_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from runtime.cli import main
+    from srl.runtime.cli import main
 
     shipped = Path(__file__).parents[2] / "profiles" / "emg-station.calibration.json"
     record = tmp_path / "run.rrd"

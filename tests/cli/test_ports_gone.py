@@ -16,11 +16,11 @@ from helpers.run import ended
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from runtime.cli import main
-from runtime.contracts.errors import HostError
-from runtime.ipc.run_folder import RunFolder
-from runtime.service import serial_ports
-from runtime.service.fitness import serial
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.service import serial_ports
+from srl.runtime.service.fitness import serial
 
 Capture = pytest.CaptureFixture[str]
 # Lines of the rules as Ubuntu 22.04 has them (85-brltty.rules).
@@ -171,7 +171,7 @@ def test_a_port_that_was_away_for_one_look_is_told(
 CLAIM = """
 import sys
 from pathlib import Path
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.run_folder import RunFolder
 RunFolder(Path(sys.argv[1])).claim()
 print("claimed", flush=True)
 sys.stdin.read()

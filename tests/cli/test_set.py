@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from helpers.bus import Instance
 
-from runtime.cli import main
-from runtime.cli import set as command
-from runtime.ipc import run_folder
-from runtime.profile import profile, wiring
+from srl.runtime.cli import main
+from srl.runtime.cli import set as command
+from srl.runtime.ipc import run_folder
+from srl.runtime.profile import profile, wiring
 
 COMMAND = Path(command.__file__)
 PULL = "object-mapping.pull"

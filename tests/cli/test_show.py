@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.cli import main
-from runtime.contracts.rotation import Pose, composed, inverted
-from runtime.guard.limits import NAMES
-from runtime.loop.guards import limits_of
-from runtime.profile import profile, shelf, wiring
-from runtime.profile.connections import connections
-from runtime.profile.graph import Graph
-from runtime.profile.overview import overview
+from srl.runtime.cli import main
+from srl.runtime.contracts.rotation import Pose, composed, inverted
+from srl.runtime.guard.limits import NAMES
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.overview.overview import overview
+from srl.runtime.profile import profile, shelf, wiring
+from srl.runtime.profile.connections import connections
+from srl.runtime.profile.graph import Graph
 
 TOLD = ("sixth-finger", "ikns-finger", "moca-man", "human-srl", "strap-jog")
 

@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from runtime.calibration.order import LAWS
-from runtime.calibration.session import method_of
-from runtime.cli import COMMANDS, MODULES, main
+from srl.commissioning.calibration.order import LAWS
+from srl.commissioning.calibration.session import method_of
+from srl.runtime.cli import COMMANDS, MODULES, main
 
 HEAVY = {"matplotlib", "mujoco", "rerun", "scipy", "zenoh"}  # each takes longer to load than the rest of a command
 
@@ -17,7 +17,7 @@ HEAVY = {"matplotlib", "mujoco", "rerun", "scipy", "zenoh"}  # each takes longer
 @pytest.mark.slow
 def test_a_stop_a_check_and_a_show_without_a_simulation_load_none_of_them() -> None:
     code = (
-        "import sys; from runtime.cli import main; main(['stop', 'no-such']); main(['check', 'sixth-finger']); "
+        "import sys; from srl.runtime.cli import main; main(['stop', 'no-such']); main(['check', 'sixth-finger']); "
         "main(['show', 'sixth-finger']); "
         f"print('loaded:', *sorted({HEAVY} & set(sys.modules)))"
     )
@@ -33,7 +33,7 @@ _NEVER = HEAVY | {"aiohttp", "can", "numpy", "pinocchio", "pyarrow", "pydantic",
 @pytest.mark.parametrize("asked", ["--help", "--version", "list"])
 def test_what_only_tells_loads_no_library(asked: str) -> None:
     code = (
-        f"import sys\nfrom runtime.cli import main\ntry:\n    main(['{asked}'])\nexcept SystemExit: pass\n"
+        f"import sys\nfrom srl.runtime.cli import main\ntry:\n    main(['{asked}'])\nexcept SystemExit: pass\n"
         f"print('loaded:', *sorted({_NEVER} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
@@ -64,8 +64,8 @@ def test_the_laws_that_can_be_calibrated_are_named() -> None:
 @pytest.mark.slow
 def test_a_calibration_loads_no_other_one() -> None:
     code = (
-        "import sys; from runtime.calibration.session import method_of; method_of('glove'); "
-        "print(*(name for name in sys.modules if name.startswith('runtime.calibration.') and name.endswith('_method')))"
+        "import sys; from srl.commissioning.calibration.session import method_of; method_of('glove'); "
+        "print(*(name for name in sys.modules if name.endswith('.method') and 'srl.commissioning' in name))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
-    assert done.stdout.split() == ["runtime.calibration.glove_method"]
+    assert done.stdout.split() == ["srl.commissioning.calibration.glove.method"]

@@ -16,13 +16,13 @@ import pytest
 from helpers.bus import layout
 from helpers.wait import until
 
-from runtime.cli import main
-from runtime.cli.console import Console
-from runtime.cli.status import Status, working
-from runtime.ipc.events import Level
-from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.words import CYCLE, Cause, Latch, State
-from runtime.service.summary import Summary
+from srl.runtime.cli import main
+from srl.runtime.cli.console import Console
+from srl.runtime.cli.status import Status, working
+from srl.runtime.ipc.events import Level
+from srl.runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.words import CYCLE, Cause, Latch, State
+from srl.runtime.service.summary import Summary
 
 
 def test_it_says_what_keeps_the_stop(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -113,7 +113,7 @@ def test_replay_and_export_are_at_work_while_they_read(
         yield
         shown.append("whole")
 
-    monkeypatch.setattr(f"runtime.cli.{arguments[0]}.working", noted)
+    monkeypatch.setattr(f"srl.runtime.cli.{arguments[0]}.working", noted)
     assert main(arguments) == 2  # there is no such recording: it was looked for while the sign was there
     assert shown == [f"none.rrd is {arguments[0]}ed"]
 
@@ -122,7 +122,7 @@ def test_replay_and_export_are_at_work_while_they_read(
 def test_a_run_shows_on_a_terminal_that_it_begins(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     environment = os.environ | {"SRL_RUNTIME_DIR": str(tmp_path / "run"), "SRL_STATE_DIR": str(tmp_path / "state")}
-    command = [sys.executable, "-m", "runtime", "run", "finger-jog", "--sim", "--duration", "1.5"]
+    command = [sys.executable, "-m", "srl", "run", "finger-jog", "--sim", "--duration", "1.5"]
     run = subprocess.Popen(command, env=environment, stderr=slave, stdout=subprocess.DEVNULL)
     os.close(slave)
     said = b""

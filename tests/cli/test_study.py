@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli import main
-from runtime.contracts import registry
-from studies.result import Result
-from studies.superman import recorded_forces
+from srl.runtime.cli import main
+from srl.runtime.contracts import registry
+from srl.studies.result import Result
+from srl.studies.superman import recorded_forces
 
 
 def test_a_sweep_prints_a_row_for_each_change(

@@ -14,14 +14,14 @@ from helpers.srl_twin import ROOT, TwinProcess
 from helpers.twin import bound
 from helpers.wait import until
 
-from drivers.cyberglove import CyberGlove
-from drivers.firmata import Firmata
-from runtime.cli import main
-from runtime.cli import twin as cli_twin
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.world import World, WorldConfig
-from runtime.loop import clock
-from runtime.profile import profile
+from srl.drivers.cyberglove import CyberGlove
+from srl.drivers.firmata import Firmata
+from srl.runtime.cli import main
+from srl.runtime.cli import twin as cli_twin
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.world import World, WorldConfig
+from srl.runtime.loop import clock
+from srl.runtime.profile import profile
 
 
 def driver(cls, name: str, port: str):
@@ -78,7 +78,7 @@ def test_both_devices_with_faults_and_log(tmp_path: Path):
 @pytest.mark.slow
 def test_ends_by_itself_and_prints_a_line_to_paste():
     done = subprocess.run(
-        [sys.executable, "-m", "runtime", "twin", "sixth-finger", "glove", "--duration", "0.1", "--set", "rate=50"],
+        [sys.executable, "-m", "srl", "twin", "sixth-finger", "glove", "--duration", "0.1", "--set", "rate=50"],
         capture_output=True, text=True, cwd=ROOT, timeout=60, check=True,
     )  # fmt: skip
     address, line = done.stdout.splitlines()
@@ -112,7 +112,7 @@ def test_what_it_refuses(arguments, expected, capsys):
 
 
 def test_a_driver_without_a_twin_is_named(monkeypatch, capsys):
-    from runtime.contracts import registry
+    from srl.runtime.contracts import registry
 
     known = registry.names
     monkeypatch.setattr(registry, "names", lambda group: [] if group == "twins" else known(group))

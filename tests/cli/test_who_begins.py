@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from runtime.profile import profile, wiring
-from runtime.service.arming import automatic
+from srl.runtime.profile import profile, wiring
+from srl.runtime.service.arming import automatic
 
 
 @pytest.mark.parametrize("name", ["human-srl", "human-srl-two", "human-srl-task"])

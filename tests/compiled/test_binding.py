@@ -14,13 +14,13 @@ from helpers.compiled import needs_c
 from helpers.control import bound
 from helpers.superman import MOUNT
 
-from runtime.contracts import compiled as module
-from runtime.contracts.compiled import NotCompiledError, bind, compiled
-from runtime.contracts.errors import WiringError
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from runtime.service.fitness import processor
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.runtime.contracts import compiled as module
+from srl.runtime.contracts.compiled import NotCompiledError, bind, compiled
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.runtime.service.fitness import processor
 
 
 def frozen(size: int) -> Any:

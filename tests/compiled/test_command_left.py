@@ -11,10 +11,10 @@ from helpers.compiled import ODD, needs_c
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.contracts.compiled import undone
-from runtime.contracts.driver import Driver
-from runtime.ipc.words import DEVICE
-from runtime.loop.device import Device
+from srl.runtime.contracts.compiled import undone
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.ipc.words import DEVICE
+from srl.runtime.loop.device import Device
 
 pytestmark = needs_c
 SIZES = (1, 7, 17)  # the last is for Python

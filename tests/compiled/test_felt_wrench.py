@@ -7,10 +7,10 @@ import pytest
 from helpers.compiled import needs_c
 from helpers.panda import Cabinet
 
-from drivers.panda.protocol import Status
-from drivers.panda.requests import SetEEToK, SetNEToEE
-from runtime.contracts import compiled as module
-from runtime.contracts.rotation import from_euler_xyz, homogeneous
+from srl.drivers.panda.protocol import Status
+from srl.drivers.panda.requests import SetEEToK, SetNEToEE
+from srl.runtime.contracts import compiled as module
+from srl.runtime.contracts.rotation import from_euler_xyz, homogeneous
 
 pytestmark = needs_c
 

@@ -9,10 +9,10 @@ import pytest
 from helpers.compiled import ODD, bits, needs_c
 from helpers.guard import guard_of
 
-from runtime.contracts.compiled import NotCompiledError
-from runtime.contracts.signals import Array, Command, Kind, Limits, Stop
-from runtime.guard import GUARDS, CommandGuard
-from runtime.guard.compiled import compile_guard
+from srl.runtime.contracts.compiled import NotCompiledError
+from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Stop
+from srl.runtime.guard import GUARDS, CommandGuard
+from srl.runtime.guard.compiled import compile_guard
 
 pytestmark = needs_c
 DT = 1e-3

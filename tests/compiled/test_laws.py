@@ -15,15 +15,15 @@ from helpers.compiled import EXACT, ODD, Pair, difference, needs_c
 from helpers.control import bound
 from helpers.superman import MOUNT
 
-from runtime.contracts.compiled import NotCompiledError, compiled
-from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Array
-from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
-from runtime.control.cobot.compiled_moca import CompiledMoca
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.robots import ARMS
+from srl.control.cobot.admittance import Admittance, AdmittanceConfig
+from srl.control.cobot.compiled_moca import CompiledMoca
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.runtime.contracts.compiled import NotCompiledError, compiled
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import ARMS
 
 pytestmark = needs_c
 DT = 1e-3

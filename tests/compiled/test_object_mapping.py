@@ -11,11 +11,11 @@ from helpers.control import FIST, HOME, RELAXED, WORN, bound, hand_tips
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.compiled import NotCompiledError, compiled
-from runtime.contracts.signals import Array
-from runtime.control.hand.extra_finger import ExtraFinger
-from runtime.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
-from runtime.control.models import FingerModel
+from srl.control.hand.extra_finger import ExtraFinger
+from srl.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
+from srl.runtime.contracts.compiled import NotCompiledError, compiled
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.models import FingerModel
 
 pytestmark = needs_c
 LONG = ExtraFinger(

@@ -11,15 +11,15 @@ from helpers.panda import Cabinet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.panda.config import STATES
-from drivers.panda.motion import Motion, Phase
-from drivers.panda.packets import VERSIONS, state_record
-from drivers.panda.protocol import Status
-from drivers.panda.requests import SetEEToK
-from drivers.panda.state import StateReader
-from runtime.contracts.compiled import undone
-from runtime.contracts.rotation import from_euler_xyz, homogeneous, matrix, normalised
-from runtime.contracts.signals import Kind
+from srl.drivers.panda.config import STATES
+from srl.drivers.panda.motion import Motion, Phase
+from srl.drivers.panda.packets import VERSIONS, state_record
+from srl.drivers.panda.protocol import Status
+from srl.drivers.panda.requests import SetEEToK
+from srl.drivers.panda.state import StateReader
+from srl.runtime.contracts.compiled import undone
+from srl.runtime.contracts.rotation import from_euler_xyz, homogeneous, matrix, normalised
+from srl.runtime.contracts.signals import Kind
 
 pytestmark = needs_c
 SIZES = dict.fromkeys(STATES, 7) | {"wrench": 6, "success_rate": 1}

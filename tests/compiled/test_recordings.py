@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from helpers.compiled import needs_c
 
-from runtime.ipc import latches
-from runtime.ipc.layout import Layout
-from runtime.ipc.row import Row
-from runtime.loop import process
-from runtime.loop.guards import limits_of
-from runtime.loop.lockstep import Lockstep
-from runtime.loop.replay import Comparison, replay
-from runtime.profile import profile, wiring
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.row import Row
+from srl.runtime.loop import process
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.loop.replay import Comparison, replay
+from srl.runtime.profile import profile, wiring
 
 pytestmark = needs_c
 

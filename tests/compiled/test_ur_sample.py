@@ -10,8 +10,8 @@ from helpers.compiled import ODD, needs_c
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ur.sample import Sample
-from runtime.contracts.compiled import undone
+from srl.drivers.ur.sample import Sample
+from srl.runtime.contracts.compiled import undone
 
 pytestmark = needs_c
 SIZES = {"position": 6, "velocity": 6, "effort": 6, "wrench": 6, "pose": 7, "speed_scaling": 1}

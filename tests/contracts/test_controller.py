@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import RecordingError
 
 
 class Half(Controller):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from runtime.contracts import registry
-from runtime.contracts.declared import declared
-from runtime.profile import profile, shelf
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.declared import declared
+from srl.runtime.profile import profile, shelf
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_names_bases_and_re_exports_are_followed(package: Path) -> None:
         "class Part:\n    pass\n",
         "class Part(\n",
         "import no_such_library\nclass Part:\n    summary = 'a'\n",
-        "from runtime.no_such_module import thing\nclass Part:\n    summary = 'a'\n",
+        "from srl.runtime.no_such_module import thing\nclass Part:\n    summary = 'a'\n",
     ],
 )
 def test_what_the_source_does_not_tell_is_left_to_the_import(source: str, package: Path) -> None:

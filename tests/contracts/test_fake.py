@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.cyberglove import CyberGlove
-from runtime.contracts.world import Fake
-from sim.devices.cyberglove.fake import FakeCyberGlove
+from srl.drivers.cyberglove import CyberGlove
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.cyberglove.fake import FakeCyberGlove
 
 
 def test_it_takes_its_drivers_declarations() -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from runtime.contracts.errors import OptionError, ProfileError
-from runtime.contracts.files import KeptFile
-from runtime.profile import profile
+from srl.runtime.contracts.errors import OptionError, ProfileError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.profile import profile
 
 
 def _made(path: Path, kind: str) -> Path:

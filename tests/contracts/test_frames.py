@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from runtime.contracts import rotation
-from runtime.contracts.frames import FrameEntry, FrameError, Frames, Measured, Placement, as_pose, is_pose
-from runtime.contracts.rotation import Pose
-from runtime.contracts.signals import Array
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.frames import FrameEntry, FrameError, Frames, Measured, Placement, as_pose, is_pose
+from srl.runtime.contracts.rotation import Pose
+from srl.runtime.contracts.signals import Array
 
 numbers = st.floats(-3.0, 3.0)
 triples = st.tuples(numbers, numbers, numbers)

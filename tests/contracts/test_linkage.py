@@ -7,12 +7,12 @@ import pinocchio as pin
 import pytest
 from helpers.urdf import URDF, write_urdf
 
-from runtime.contracts.errors import OptionError
-from runtime.contracts.linkage import Link, Linkage
-from runtime.control.models import FingerModel
-from runtime.control.robots import ARMS, SUMMIT_XL, linkages, urdf
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from runtime.control.shared.kinematics import Chain
+from srl.control.shared.kinematics import Chain
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.linkage import Link, Linkage
+from srl.runtime.models.models import FingerModel
+from srl.runtime.models.robots import ARMS, SUMMIT_XL, linkages, urdf
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
 
 RNG = np.random.default_rng(1)
 

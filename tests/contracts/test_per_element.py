@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from runtime.contracts.per_element import Listed, PerElement, Positive
-from runtime.contracts.terms import PLANAR_TWIST
+from srl.runtime.contracts.per_element import Listed, PerElement, Positive
+from srl.runtime.contracts.terms import PLANAR_TWIST
 
 
 class Some(BaseModel):

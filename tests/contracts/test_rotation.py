@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts import rotation
+from srl.runtime.contracts import rotation
 
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 

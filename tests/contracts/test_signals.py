@@ -9,16 +9,16 @@ import pytest
 from helpers.names import Device, Law, command, joints
 from helpers.null_space_arm import calibrated
 
-from drivers.cyberglove.protocol import LABELS
-from runtime.contracts import registry
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import WRENCH
-from runtime.control.hand.human_hand import SENSORS
-from runtime.control.models import FingerModel
-from runtime.control.robots import ARMS
-from runtime.profile import profile, shelf, wiring
+from srl.drivers.cyberglove.protocol import LABELS
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import WRENCH
+from srl.runtime.models.human_hand import SENSORS
+from srl.runtime.models.models import FingerModel
+from srl.runtime.models.robots import ARMS
+from srl.runtime.profile import profile, shelf, wiring
 from srl.testing import check_controller, check_driver
 
 FAULTS: dict[str, tuple[dict[str, Any], str]] = {

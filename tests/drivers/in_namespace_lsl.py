@@ -15,11 +15,11 @@ import pytest
 from helpers.wait import until
 from helpers.zenoh import Served, Still, bound, cycles, lost, reopened
 
-from drivers.lsl import Lsl, LslConfig
-from drivers.lsl.process import configuration
-from runtime.contracts.errors import DeviceError
-from sim.devices.lsl import twin
-from sim.devices.lsl.fake import FakeLsl, FakeLslOptions
+from srl.drivers.lsl import Lsl, LslConfig
+from srl.drivers.lsl.process import configuration
+from srl.runtime.contracts.errors import DeviceError
+from srl.sim.devices.lsl import twin
+from srl.sim.devices.lsl.fake import FakeLsl, FakeLslOptions
 
 STREAM = {"source_id": "amp-7", "name": "Amp", "type": "EMG"}
 SIGNALS: dict[str, Any] = {

@@ -9,12 +9,12 @@ import pytest
 from helpers.ft import Server, at_sensor, bound, cell, push, read
 from helpers.wait import until
 
-from drivers.ati_netft import AtiNetFt
-from drivers.ati_netft.config import AtiNetFtConfig, address
-from drivers.ati_netft.protocol import Record, Request, parse_request, record
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
-from sim.devices.ati_netft.twin import AtiNetFtTwin
+from srl.drivers.ati_netft import AtiNetFt
+from srl.drivers.ati_netft.config import AtiNetFtConfig, address
+from srl.drivers.ati_netft.protocol import Record, Request, parse_request, record
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
+from srl.sim.devices.ati_netft.twin import AtiNetFtTwin
 
 PLACEHOLDER = AtiNetFtConfig(port="udp://127.0.0.1")
 
@@ -377,7 +377,7 @@ def test_stamps_follow_the_sample_counter():
 
 
 def test_something_that_sends_no_records_is_refused(monkeypatch):
-    monkeypatch.setattr("drivers.ati_netft.driver.ANSWER", 0.02)
+    monkeypatch.setattr("srl.drivers.ati_netft.driver.ANSWER", 0.02)
     sensor = Scripted(b"hello")
     with pytest.raises(DeviceError, match="datagrams that are no records though it was asked 10 times"):
         sensor.driver().open()

@@ -7,8 +7,8 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ati_netft import settings, status
-from drivers.ati_netft.protocol import Parser, Record, Request, parse_request, record, request
+from srl.drivers.ati_netft import settings, status
+from srl.drivers.ati_netft.protocol import Parser, Record, Request, parse_request, record, request
 
 GOLDEN = "ffffffff8000000080020000ffffffff00000002fffffffd00000004fffffffb00000006"
 TWIN = "00000001000003e9000000000016e360ffd9da6000989680000186a0fffcf2c0000493e0"

@@ -6,10 +6,10 @@ import pytest
 from helpers.peer import Peer, bound, cycles
 from helpers.wait import until
 
-from drivers.ati_netft import AtiNetFt
-from drivers.ati_netft.config import AtiNetFtConfig
-from drivers.can_ft import CanFt
-from drivers.can_ft.driver import CanFtConfig
+from srl.drivers.ati_netft import AtiNetFt
+from srl.drivers.ati_netft.config import AtiNetFtConfig
+from srl.drivers.can_ft import CanFt
+from srl.drivers.can_ft.driver import CanFtConfig
 
 WORLD = {"world": "cell", "parts": {"sensor": {"part": "ft-sensor"}}}
 SENSORS = {"ati-netft": (AtiNetFt, AtiNetFtConfig), "can-ft": (CanFt, CanFtConfig)}

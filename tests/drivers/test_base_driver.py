@@ -13,10 +13,10 @@ from helpers.wait import until
 from helpers.zenoh import cycles
 from pydantic import ValidationError
 
-from drivers.base import BaseConfig, MobileBase
-from drivers.base.driver import COMMAND
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.base import BaseConfig, MobileBase
+from srl.drivers.base.driver import COMMAND
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Kind, Stop
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ import pytest
 from helpers.base import robot
 from helpers.zenoh import lost, reopened
 
-from drivers.base import driver
-from runtime.contracts.errors import DeviceError
+from srl.drivers.base import driver
+from srl.runtime.contracts.errors import DeviceError
 
 
 @pytest.mark.slow

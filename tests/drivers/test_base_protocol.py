@@ -12,9 +12,9 @@ from helpers.fuzz import fuzz, mutations, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.base import protocol, ros
-from drivers.base.protocol import Odometry, OdometryReader, carried, read_odometry, velocity
-from runtime.messages import attachment, cdr
+from srl.drivers.base import protocol, ros
+from srl.drivers.base.protocol import Odometry, OdometryReader, carried, read_odometry, velocity
+from srl.runtime.messages import attachment, cdr
 
 GOLDEN_TWIST = bytes.fromhex(
     "00010000 000000000000e03f 000000000000d0bf 0000000000000000 0000000000000000 0000000000000000 000000000000f03f"

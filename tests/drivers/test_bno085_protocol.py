@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.bno085.protocol import SIZE, Parser, Record, encode
-from drivers.bno085.reading import Reading
+from srl.drivers.bno085.protocol import SIZE, Parser, Record, encode
+from srl.drivers.bno085.reading import Reading
 
 # BNO08X datasheet 1000-3927 v1.17, section 1.2.5.2
 EXAMPLE = bytes.fromhex("aaaade010092ff25088dfeecffd1030000 00e7")

@@ -10,12 +10,12 @@ import pytest
 from helpers.ft import Server, at_sensor, bound, cell, push, read
 from helpers.wait import until
 
-from drivers.can_ft import CanFt
-from drivers.can_ft.driver import CanFtConfig
-from drivers.can_ft.protocol import Command, Record, record, response
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
-from sim.devices.can_ft.twin import CanFtTwin
+from srl.drivers.can_ft import CanFt
+from srl.drivers.can_ft.driver import CanFtConfig
+from srl.drivers.can_ft.protocol import Command, Record, record, response
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
+from srl.sim.devices.can_ft.twin import CanFtTwin
 
 _buses = itertools.count()
 

@@ -5,7 +5,7 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.can_ft.protocol import CUTOFFS, RATES, Command, Parser, Record, Response, command, record, response
+from srl.drivers.can_ft.protocol import CUTOFFS, RATES, Command, Parser, Record, Response, command, record, response
 
 int16 = st.integers(-32768, 32767)
 GOLDEN = Record((617, -250, 4935, 1000, -500, 200))

@@ -11,9 +11,9 @@ import pytest
 import serial
 from can.interfaces.socketcan.socketcan import build_can_frame
 
-from drivers import canbus
-from drivers.canbus import CanLink, open_can
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers import canbus
+from srl.drivers.canbus import CanLink, open_can
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 
 @pytest.mark.parametrize("url", ["can://virtual/one", "can://udp_multicast/239.74.163.77?port={port}"])

@@ -18,9 +18,9 @@ from helpers.serial_wires import SerialWire
 from helpers.under_guard import UnderGuard
 from helpers.wires import WIRES
 
-from runtime.contracts.signals import Kind
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import State
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.words import State
 
 # Their motors know where they stand only within a part of a turn, so after a loss of power they must be parked.
 FORGETFUL = ("cubemars-servo", "mit-can-v2", "mit-can-v3", "odrive")

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from helpers.peer import bound, make
 
-from runtime.contracts import registry
-from runtime.contracts.driver import Driver
-from runtime.contracts.world import Fake, World
-from sim.devices.examples import DEVICES
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.world import Fake, World
+from srl.sim.devices.examples import DEVICES
 from srl.testing import DriverConformance, TwinBench
 
 OWN = [name for name in registry.names("drivers") if name not in ("replay", "lever")]  # a recording is no wire
@@ -23,7 +23,7 @@ def test_every_registered_device_is_known_here() -> None:
 
 
 class TestOurs(DriverConformance):
-    """Each device as `sim.devices.examples` has it, instead of as a profile has it."""
+    """Each device as `srl.sim.devices.examples` has it, instead of as a profile has it."""
 
     kind: str
 

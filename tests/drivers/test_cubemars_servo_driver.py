@@ -8,9 +8,9 @@ import pytest
 from helpers.can_drives import TwinRig, cell, fault, floating, servo
 from pydantic import ValidationError
 
-from drivers.cubemars_servo import protocol
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Stop
+from srl.drivers.cubemars_servo import protocol
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Stop
 
 NEVER = {0, 4, 5, 8}  # duty, position at full speed, set origin, MIT
 
@@ -67,7 +67,7 @@ def test_opening_only_listens(rig):
     ],
 )
 def test_a_bus_that_isn_t_the_profile_s_is_refused(change, match, monkeypatch):
-    monkeypatch.setattr("drivers.cubemars_servo.driver.LISTEN", 0.15)
+    monkeypatch.setattr("srl.drivers.cubemars_servo.driver.LISTEN", 0.15)
     config = servo()
     with TwinRig(config, floating(config), opened=False) as rig:
         change(rig)
@@ -77,7 +77,7 @@ def test_a_bus_that_isn_t_the_profile_s_is_refused(change, match, monkeypatch):
 
 
 def test_an_actuator_in_mit_mode_is_told(monkeypatch):
-    monkeypatch.setattr("drivers.cubemars_servo.driver.LISTEN", 0.15)
+    monkeypatch.setattr("srl.drivers.cubemars_servo.driver.LISTEN", 0.15)
     config = servo()
     with TwinRig(config, floating(config), opened=False) as rig:
         rig.twin.muted = True

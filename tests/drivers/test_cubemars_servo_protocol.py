@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.cubemars_servo import protocol
-from drivers.cubemars_servo.config import ServoAxis
-from drivers.cubemars_servo.driver import Scale
-from drivers.cubemars_servo.models import MODELS
+from srl.drivers.cubemars_servo import protocol
+from srl.drivers.cubemars_servo.config import ServoAxis
+from srl.drivers.cubemars_servo.driver import Scale
+from srl.drivers.cubemars_servo.models import MODELS
 
 AXIS = {
     "id": 1, "model": "AK80-9", "parked": 0.0, "lower": -2.0, "upper": 2.0, "velocity": 5.0, "acceleration": 50.0,

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
-from drivers.cyberglove import calibration
-from drivers.cyberglove.calibration import Calibration, Fit
-from drivers.cyberglove.protocol import LABELS
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.files import KeptFile
+from srl.drivers.cyberglove import calibration
+from srl.drivers.cyberglove.calibration import Calibration, Fit
+from srl.drivers.cyberglove.protocol import LABELS
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.files import KeptFile
 
 PLAIN = "{gain: 0.01, offset: 80}"
 

@@ -16,8 +16,8 @@ from helpers.dynamixel import waiting
 from helpers.wait import until
 from pydantic import ValidationError
 
-from drivers.cyberglove import CyberGlove, calibration, driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.cyberglove import CyberGlove, calibration, driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 RAW = bytes(range(10, 230, 10))
 MS = 1_000_000

@@ -7,7 +7,7 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.cyberglove.protocol import LABELS, SAMPLE, START, Parser, Record, Reply, assign, query
+from srl.drivers.cyberglove.protocol import LABELS, SAMPLE, START, Parser, Record, Reply, assign, query
 
 RAW = bytes(range(10, 230, 10))  # 22 sensors, as in §8
 WHOLE = b"S" + RAW + b"\0"

@@ -7,10 +7,10 @@ import re
 import pytest
 from helpers.peer import make
 
-from drivers.cyberglove import CyberGlove
-from runtime.contracts.errors import DeviceError
-from runtime.testing.twin_bench import TwinBench
-from sim.devices.examples import DEVICES
+from srl.drivers.cyberglove import CyberGlove
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.testing.twin_bench import TwinBench
+from srl.sim.devices.examples import DEVICES
 
 
 def test_a_glove_whose_own_offsets_were_changed_is_refused() -> None:

@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
-from drivers.datagram import open_datagrams
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.datagram import open_datagrams
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 
 def test_datagrams_come_whole_and_in_order() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.devicetime import DRIFT, DeviceTime
+from srl.drivers.devicetime import DRIFT, DeviceTime
 
 TICK = 10_000_000
 

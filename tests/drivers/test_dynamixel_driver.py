@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.dynamixel import BOTH, MS, THREE, TWO, Rig, make_twin, near, torque, truth
 
-from runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.errors import DeviceLostError
 
 # -- commands
 

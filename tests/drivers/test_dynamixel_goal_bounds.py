@@ -10,9 +10,9 @@ from helpers.dynamixel import Rig, config, make_twin
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.dynamixel.family import Family, family
-from drivers.dynamixel.models import CENTRE, PER_COUNT
-from runtime.contracts.signals import Array
+from srl.drivers.dynamixel.family import Family, family
+from srl.drivers.dynamixel.models import CENTRE, PER_COUNT
+from srl.runtime.contracts.signals import Array
 
 LOW, HIGH = 1024, 3072  # counts: a quarter of a turn to each side
 MOTORS: dict[str, dict[str, Any]] = {"shoulder": {"model": "MX-106"}, "elbow": {"model": "MX-64", "reversed": True}}

@@ -7,8 +7,8 @@ import pytest
 from helpers.dynamixel import TWO, Rig, config, make_twin, near, torque, truth
 from pydantic import ValidationError
 
-from drivers.dynamixel.models import PER_COUNT
-from runtime.contracts.errors import DeviceError
+from srl.drivers.dynamixel.models import PER_COUNT
+from srl.runtime.contracts.errors import DeviceError
 
 REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL, UNKNOWN = 1, 2, 4, 8, 64  # bits of the drive mode
 FIRST = "'shoulder' (id 1)"

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.dynamixel import Dynamixel, asking, session
-from drivers.dynamixel.family import family
-from drivers.dynamixel.models import CENTRE, PER_COUNT
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.dynamixel import Dynamixel, asking, session
+from srl.drivers.dynamixel.family import family
+from srl.drivers.dynamixel.models import CENTRE, PER_COUNT
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Kind, Stop
 
 BOTH = pytest.mark.parametrize("protocol", [2, 1])
 TWO = {"shoulder": {"model": "MX-106"}, "elbow": {"model": "MX-64"}}

@@ -5,8 +5,8 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.dynamixel import protocol1, protocol2
-from drivers.dynamixel.packets import BROADCAST, Instruction, Status
+from srl.drivers.dynamixel import protocol1, protocol2
+from srl.drivers.dynamixel.packets import BROADCAST, Instruction, Status
 
 # Sheet dynamixel, §7: made with dynamixel-sdk 4.1.0 (TX), or decoded by it (replies).
 SENT2 = [
@@ -186,7 +186,7 @@ def test_a_million_damaged_bytes(protocol, good):
 def test_the_driver_s_filler_ends_any_packet_cut_short_without_harm(cut):
     from helpers.dynamixel import config
 
-    from drivers.dynamixel.family import family
+    from srl.drivers.dynamixel.family import family
 
     for protocol, module in ((1, protocol1), (2, protocol2)):
         f = family(config(protocol=protocol))

@@ -9,9 +9,9 @@ from helpers.peer import Peer
 from helpers.twin import bound
 from helpers.wait import until
 
-from drivers.dynamixel import Dynamixel
-from drivers.dynamixel.config import DynamixelConfig
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.dynamixel import Dynamixel
+from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 PERIOD = 0.01
 WORLD = {

@@ -7,9 +7,9 @@ import pytest
 from helpers.dynamixel import BOTH, TWO, Rig, config, make_twin, torque, truth
 from helpers.twin import bound
 
-from drivers.dynamixel import Dynamixel
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.dynamixel import Dynamixel
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 # -- faults
 

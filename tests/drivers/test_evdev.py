@@ -11,8 +11,8 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.evdev import RECORD, AxisInfo, Description, Parser, encode, open_source
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.evdev import RECORD, AxisInfo, Description, Parser, encode, open_source
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 AT = 1_700_000_000_123_456_000
 HEAD = "00f153650000000040e2010000000000"

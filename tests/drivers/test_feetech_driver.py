@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers.feetech import TWO, FeetechRig, cell, make_twin
 
-from drivers.feetech import protocol
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.feetech import protocol
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 
 def test_it_measures_and_moves():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.feetech import TWO, FeetechRig, make_twin
 
-from drivers.dynamixel.models import PER_COUNT
-from runtime.contracts.errors import DeviceError
+from srl.drivers.dynamixel.models import PER_COUNT
+from srl.runtime.contracts.errors import DeviceError
 
 FIRST = "'shoulder' (id 1)"
 # Bits of the phase, by the maker's memory table; a servo comes with SPEED_UNIT and FREE.

@@ -4,9 +4,9 @@ import pytest
 from helpers.feetech import FeetechRig, config, make_twin
 from helpers.twin import Bench, bound
 
-from drivers.dynamixel import asking
-from drivers.feetech import Feetech, opening
-from runtime.contracts.errors import DeviceError
+from srl.drivers.dynamixel import asking
+from srl.drivers.feetech import Feetech, opening
+from srl.runtime.contracts.errors import DeviceError
 
 
 def refusal(twin, **options):

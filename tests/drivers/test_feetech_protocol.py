@@ -8,9 +8,9 @@ from helpers.shared import shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.feetech import protocol as p
-from drivers.feetech.faults import bits_in_words
-from drivers.feetech.table import SCS_GOAL, SCS_LOCK, TABLE, signed
+from srl.drivers.feetech import protocol as p
+from srl.drivers.feetech.faults import bits_in_words
+from srl.drivers.feetech.table import SCS_GOAL, SCS_LOCK, TABLE, signed
 
 
 def _one(name, value, id=1):

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.firmata.buttons import Buttons
+from srl.drivers.firmata.buttons import Buttons
 
 MS = 1_000_000
 

@@ -7,9 +7,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.firmata import Firmata
-from drivers.firmata.config import ServoConfig
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.firmata import Firmata
+from srl.drivers.firmata.config import ServoConfig
+from srl.runtime.contracts.signals import Kind, Stop
 
 
 @st.composite

@@ -11,9 +11,9 @@ from helpers.dynamixel import waiting
 from helpers.firmata import BOOT, OLD, UNO, ScriptedBoard, firmata, servo
 from helpers.wait import until
 
-from drivers.firmata import identify
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.firmata import identify
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 MS = 1_000_000
 TWO = {"base": servo(9), "tip": servo(10)}  # 544 us + 618.67 us/rad

@@ -8,8 +8,8 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.firmata import protocol as p
-from drivers.firmata.protocol import Decoder, Mode
+from srl.drivers.firmata import protocol as p
+from srl.drivers.firmata.protocol import Decoder, Mode
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from helpers.firmata import ScriptedBoard, firmata, servo
 from helpers.wait import until
 
-from drivers.firmata import Firmata
+from srl.drivers.firmata import Firmata
 
 MS = 1_000_000
 # 0 to 3 rad; the same the other way round; and one whose trim takes 0.16 rad of its reach.

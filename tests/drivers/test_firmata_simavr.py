@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers.firmata import firmata, servo
 
-from drivers.firmata import protocol
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.firmata import protocol
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simavr"))
 from board import Board

@@ -14,13 +14,13 @@ from helpers.zenoh import bound
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.lsl import Lsl, LslConfig, wire
-from drivers.lsl.driver import WINDOW, Rate
-from drivers.lsl.match import match
-from drivers.lsl.units import factor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.control.emg.blocks import Stream
-from runtime.control.emg.processing import Filters
+from srl.control.emg.blocks import Stream
+from srl.control.emg.processing import Filters
+from srl.drivers.lsl import Lsl, LslConfig, wire
+from srl.drivers.lsl.driver import WINDOW, Rate
+from srl.drivers.lsl.match import match
+from srl.drivers.lsl.units import factor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 SIGNALS: dict[str, Any] = {
     "emg": {"channels": {"biceps": "EMG 2", "triceps": "EMG 1"}, "unit": "V"},

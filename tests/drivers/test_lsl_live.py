@@ -12,8 +12,8 @@ import pytest
 from helpers import ROOT
 from helpers.run import environment
 
-from drivers.lsl import Lsl, LslConfig
-from runtime.contracts.errors import DeviceError
+from srl.drivers.lsl import Lsl, LslConfig
+from srl.runtime.contracts.errors import DeviceError
 
 NAMESPACE = ("unshare", "-rn")
 CONFIG = {"stream": {"source_id": "amp-7"}, "rate": 500, "signals": {"emg": {"channels": {"a": "A"}, "unit": "V"}}}
@@ -49,7 +49,7 @@ def test_where_other_machines_could_reach_it_it_refuses(tmp_path: Path) -> None:
     pytest.importorskip("pylsl")
     script = tmp_path / "opens.py"
     script.write_text(
-        "from drivers.lsl import Lsl, LslConfig\n"
+        "from srl.drivers.lsl import Lsl, LslConfig\n"
         f"try:\n    Lsl('amp', LslConfig.model_validate({CONFIG!r})).open()\n"
         "except Exception as error:\n    print(error)\n"
     )

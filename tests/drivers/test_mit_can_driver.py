@@ -16,13 +16,13 @@ from helpers.ft import Server, bound
 from helpers.mit_can import AK, TWO, Limb, cell, config, twin
 from helpers.wait import until
 
-from drivers.mit_can import MitCan, protocol
-from drivers.mit_can.line import REFUSED
-from drivers.mit_can.protocol import Impedance
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
-from runtime.ipc.stop_slots import StopSlots
-from runtime.service.actuators import Actuators
+from srl.drivers.mit_can import MitCan, protocol
+from srl.drivers.mit_can.line import REFUSED
+from srl.drivers.mit_can.protocol import Impedance
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc.stop_slots import StopSlots
+from srl.runtime.service.actuators import Actuators
 
 _buses = itertools.count()
 

@@ -8,8 +8,8 @@ import pytest
 from helpers.mit_can import AK, ONE, TWO, Limb, cell, config
 from pydantic import ValidationError
 
-from drivers.mit_can.protocol import Register
-from runtime.contracts.errors import DeviceError
+from srl.drivers.mit_can.protocol import Register
+from srl.runtime.contracts.errors import DeviceError
 
 
 def refused(limb: Limb, *words: str) -> None:

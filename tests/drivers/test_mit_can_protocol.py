@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.mit_can import protocol
-from drivers.mit_can.models import MODELS, Range
-from drivers.mit_can.protocol import FIELD, SPECIAL, WORD, Impedance, command, parse_command
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.models import MODELS, Range
+from srl.drivers.mit_can.protocol import FIELD, SPECIAL, WORD, Impedance, command, parse_command
 
 AK80_9, AK80_9_V3 = Range(12.5, 50, 18), Range(12.56, 65, 18)
 AK60_6, DM4310, DM8009 = Range(12.5, 45, 15), Range(12.5, 30, 10), Range(12.5, 45, 54)

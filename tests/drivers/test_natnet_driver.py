@@ -9,10 +9,10 @@ import pytest
 from helpers.natnet import BONES, TOOL, WANTED, motive, opened, step
 from pydantic import ValidationError
 
-from drivers.natnet import NatNet, protocol
-from drivers.natnet.protocol import Message
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.rotation import matrix
+from srl.drivers.natnet import NatNet, protocol
+from srl.drivers.natnet.protocol import Message
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.rotation import matrix
 
 POSE = [0.4, -0.2, 1.1, 0.5, 0.5, -0.5, 0.5]
 ALL = [{"natnet": natnet, "multicast": multicast} for natnet in ("3.0", "4.0", "4.2") for multicast in (False, True)]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.natnet import WANTED, motive, opened, step
 
-from sim.devices.natnet import twin_frame
+from srl.sim.devices.natnet import twin_frame
 
 MOST = 1_000_000_000  # ns
 SPREAD = 15_000_000  # ns: the bench's step, the twin's delay and a frame's period

@@ -10,11 +10,11 @@ from helpers.fuzz import mutations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.natnet import frame, model, protocol
-from drivers.natnet.frame import Body, Marker, MotiveFrame
-from drivers.natnet.model import BodyModel, Model
-from drivers.natnet.protocol import MalformedError, Message, ServerInfo, Version
-from sim.devices.natnet import twin_frame as encode
+from srl.drivers.natnet import frame, model, protocol
+from srl.drivers.natnet.frame import Body, Marker, MotiveFrame
+from srl.drivers.natnet.model import BodyModel, Model
+from srl.drivers.natnet.protocol import MalformedError, Message, ServerInfo, Version
+from srl.sim.devices.natnet import twin_frame as encode
 
 OLD, NEW = Version(3, 1), Version(4, 1)
 VERSIONS = [Version(3, 0), OLD, Version(4, 0), NEW, Version(4, 2), Version(4, 3)]

@@ -12,11 +12,11 @@ from helpers.shared import shared
 from helpers.wait import until
 from scipy.spatial.transform import Rotation
 
-from drivers.noitom import driver
-from drivers.noitom.protocol import encode_binary
-from drivers.streamtime import ENDURED
-from runtime.contracts.errors import DeviceLostError
-from runtime.control.skeleton import bvh
+from srl.drivers.noitom import driver
+from srl.drivers.noitom.protocol import encode_binary
+from srl.drivers.streamtime import ENDURED
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.models.skeleton import bvh
 
 # -- what is read
 

@@ -15,9 +15,9 @@ from helpers.noitom import MS, START, Make, Sender, binary, numbers, opened, ste
 from helpers.wait import until
 from pydantic import ValidationError
 
-from drivers.noitom import NoitomConfig
-from drivers.noitom.protocol import encode_binary
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.noitom import NoitomConfig
+from srl.drivers.noitom.protocol import encode_binary
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 # -- loss and garbage
 

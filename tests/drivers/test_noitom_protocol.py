@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.noitom.protocol import COUNTS, BinaryParser, TextParser, encode_binary, encode_text
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.rotation import EulerQuaternions, euler_angles, matrices
+from srl.drivers.noitom.protocol import COUNTS, BinaryParser, TextParser, encode_binary, encode_text
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.rotation import EulerQuaternions, euler_angles, matrices
 
 HEADER = (
     "ffdd0000010162010100000000004368617230300000000000000000000000000000000000000000000000000000"

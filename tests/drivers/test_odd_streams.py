@@ -24,32 +24,32 @@ from helpers.xsens import mvn
 from helpers.xsens import opened as opened_suit
 from helpers.xsens import step as step_suit
 
-from drivers.base import BaseConfig, MobileBase
-from drivers.base import driver as base_driver
-from drivers.base import protocol as base_protocol
-from drivers.base.protocol import Odometry, OdometryReader
-from drivers.datagram import Datagrams
-from drivers.evdev import AxisInfo, Description, encode
-from drivers.evdev.records import EV_ABS
-from drivers.gamepad import Gamepad, GamepadConfig
-from drivers.gamepad.driver import BUTTONS, HAT, STICKS, TRIGGERS
-from drivers.natnet.config import NatNetConfig
-from drivers.natnet.model import BodyModel, Model
-from drivers.natnet.scene import Scene
-from drivers.noitom import driver as noitom_driver
-from drivers.noitom.protocol import encode_binary, encode_text
-from drivers.ur import UrConfig
-from drivers.ur import declaration as ur_declaration
-from drivers.ur.sample import Sample
-from drivers.xsens_mvn import driver as suit_driver
-from drivers.xsens_mvn.protocol import POSES, SEGMENTS, Pose, encode_poses, split
-from drivers.zenoh import Zenoh, ZenohConfig
-from drivers.zenoh.values import Values
-from drivers.zenoh_link import wire
-from runtime.contracts.errors import DeviceError, SrlError
-from runtime.contracts.field import Field
-from runtime.control.skeleton import bvh
-from runtime.messages import cdr, messages
+from srl.drivers.base import BaseConfig, MobileBase
+from srl.drivers.base import driver as base_driver
+from srl.drivers.base import protocol as base_protocol
+from srl.drivers.base.protocol import Odometry, OdometryReader
+from srl.drivers.datagram import Datagrams
+from srl.drivers.evdev import AxisInfo, Description, encode
+from srl.drivers.evdev.records import EV_ABS
+from srl.drivers.gamepad import Gamepad, GamepadConfig
+from srl.drivers.gamepad.driver import BUTTONS, HAT, STICKS, TRIGGERS
+from srl.drivers.natnet.config import NatNetConfig
+from srl.drivers.natnet.model import BodyModel, Model
+from srl.drivers.natnet.scene import Scene
+from srl.drivers.noitom import driver as noitom_driver
+from srl.drivers.noitom.protocol import encode_binary, encode_text
+from srl.drivers.ur import UrConfig
+from srl.drivers.ur import declaration as ur_declaration
+from srl.drivers.ur.sample import Sample
+from srl.drivers.xsens_mvn import driver as suit_driver
+from srl.drivers.xsens_mvn.protocol import POSES, SEGMENTS, Pose, encode_poses, split
+from srl.drivers.zenoh import Zenoh, ZenohConfig
+from srl.drivers.zenoh.values import Values
+from srl.drivers.zenoh_link import wire
+from srl.runtime.contracts.errors import DeviceError, SrlError
+from srl.runtime.contracts.field import Field
+from srl.runtime.messages import cdr, messages
+from srl.runtime.models.skeleton import bvh
 
 
 def told(work: Callable[[], object]) -> str:

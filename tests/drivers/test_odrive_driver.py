@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from helpers.can_drives import TwinRig, fault, floating, odrive, of
 
-from drivers.odrive import protocol
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.odrive import protocol
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Kind, Stop
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ import pytest
 from helpers.can_drives import ENDPOINTS, FakeRig, TwinRig, cell, fault, floating, odrive, of
 from pydantic import ValidationError
 
-from drivers.odrive import protocol
-from drivers.odrive.config import OdriveAxis
-from drivers.odrive.units import Scale
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.files import KeptFile
+from srl.drivers.odrive import protocol
+from srl.drivers.odrive.config import OdriveAxis
+from srl.drivers.odrive.units import Scale
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.files import KeptFile
 
 # -- the profile
 
@@ -114,7 +114,7 @@ def open_with(change, match, config=None, **options):
     ],
 )
 def test_a_bus_that_isn_t_the_profile_s_is_refused(change, match, monkeypatch):
-    monkeypatch.setattr("drivers.odrive.opening.SETTLE", 0.0)
+    monkeypatch.setattr("srl.drivers.odrive.opening.SETTLE", 0.0)
     if "several" in match:
         config = odrive(names=("hip", "knee"))
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.odrive import protocol, words
-from drivers.odrive.protocol import Command
+from srl.drivers.odrive import protocol, words
+from srl.drivers.odrive.protocol import Command
 
 finite = st.floats(-1e6, 1e6, width=32)
 nodes = st.integers(0, 62)

@@ -11,13 +11,13 @@ from helpers.fci_pair import MS, VERSIONS
 from helpers.fuzz import mutations
 from pydantic import ValidationError
 
-from drivers.panda import Panda
-from drivers.panda.config import PandaConfig
-from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Status
-from drivers.panda.requests import Connect, Move, SetCollisionBehavior, SetJointImpedance, SetLoad
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Stop
+from srl.drivers.panda import Panda
+from srl.drivers.panda.config import PandaConfig
+from srl.drivers.panda.packets import RobotMode
+from srl.drivers.panda.protocol import Status
+from srl.drivers.panda.requests import Connect, Move, SetCollisionBehavior, SetJointImpedance, SetLoad
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Stop
 
 # -- opening
 

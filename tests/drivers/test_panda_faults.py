@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from helpers.fci_pair import MS, VERSIONS
 
-from drivers.panda import Panda
-from drivers.panda.config import PandaConfig
-from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Status
-from drivers.panda.requests import AutomaticErrorRecovery, Connect, Move
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.panda import Panda
+from srl.drivers.panda.config import PandaConfig
+from srl.drivers.panda.packets import RobotMode
+from srl.drivers.panda.protocol import Status
+from srl.drivers.panda.requests import AutomaticErrorRecovery, Connect, Move
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 # -- faults
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.panda.limiter import MotionLimiter, TorqueLimiter, approach
-from drivers.panda.limits import DT, FR3, PANDA, RobotLimits
-from runtime.contracts.signals import Kind
-from runtime.control import robots
+from srl.drivers.panda.limiter import MotionLimiter, TorqueLimiter, approach
+from srl.drivers.panda.limits import DT, FR3, PANDA, RobotLimits
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.models import robots
 
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 ROBOTS = pytest.mark.parametrize("limits", [PANDA, FR3], ids=["panda", "fr3"])

@@ -5,9 +5,9 @@ import pytest
 from helpers.fci import HOME
 from helpers.fci_pair import INTERFACES, VERSIONS
 
-from drivers.panda.packets import Controller, Generator
-from drivers.panda.requests import Move, StopMove
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.panda.packets import Controller, Generator
+from srl.drivers.panda.requests import Move, StopMove
+from srl.runtime.contracts.signals import Kind, Stop
 
 # -- motions
 

@@ -8,11 +8,11 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.panda import packets
-from drivers.panda import protocol as p
-from drivers.panda import requests as r
-from drivers.panda.packets import ERRORS, Controller, Generator
-from drivers.panda.protocol import Reply, ReplyParser, Request, RequestParser, Status
+from srl.drivers.panda import packets
+from srl.drivers.panda import protocol as p
+from srl.drivers.panda import requests as r
+from srl.drivers.panda.packets import ERRORS, Controller, Generator
+from srl.drivers.panda.protocol import Reply, ReplyParser, Request, RequestParser, Status
 
 IDENTITY = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0)
 DEVIATIONS = "0000000000002440 f6285c8fc2f50840 182d4454fb211940"

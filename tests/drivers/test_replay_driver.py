@@ -10,14 +10,14 @@ import pytest
 from helpers.run import call, summary
 from helpers.zenoh import Still, bound
 
-from drivers.replay import Replay, ReplayConfig, track
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError, RecordingError
-from runtime.contracts.terms import POINT, POSE
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import LINK_CONNECTED
-from runtime.recording.reader import Recording, read
-from sim.devices.replay.fake import FakeReplay, FakeReplayOptions
+from srl.drivers.replay import Replay, ReplayConfig, track
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, RecordingError
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import LINK_CONNECTED
+from srl.runtime.recording.reader import Recording, read
+from srl.sim.devices.replay.fake import FakeReplay, FakeReplayOptions
 
 MS = 1_000_000
 
@@ -55,7 +55,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> None:
     def load(path: str, device: str, start: float) -> track.Track:
         return track.Track(recording, device, start, path)
 
-    monkeypatch.setattr("drivers.replay.driver.load", load)
+    monkeypatch.setattr("srl.drivers.replay.driver.load", load)
 
 
 def replay(**options: Any) -> Replay:

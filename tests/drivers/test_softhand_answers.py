@@ -4,10 +4,10 @@ import struct
 
 from helpers.ft import bound
 
-from drivers.softhand import SoftHand, protocol
-from drivers.softhand.config import SoftHandConfig
-from drivers.softhand.driver import Motor
-from runtime.contracts.signals import Stop
+from srl.drivers.softhand import SoftHand, protocol
+from srl.drivers.softhand.config import SoftHandConfig
+from srl.drivers.softhand.driver import Motor
+from srl.runtime.contracts.signals import Stop
 
 MS = 1_000_000
 

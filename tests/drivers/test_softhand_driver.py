@@ -8,16 +8,16 @@ import pytest
 from helpers.ft import Server, bound
 from helpers.wait import until
 
-from drivers.softhand import SoftHand, protocol
-from drivers.softhand.config import SoftHandConfig
-from drivers.softhand.driver import GONE, Motor
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Kind, Stop
-from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
-from sim.devices.softhand.twin import SoftHandTwin
-from sim.parts.robots.softhand import SoftHandConfig as PartOptions
-from sim.parts.robots.softhand import SoftHandPart
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.softhand import SoftHand, protocol
+from srl.drivers.softhand.config import SoftHandConfig
+from srl.drivers.softhand.driver import GONE, Motor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Kind, Stop
+from srl.sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
+from srl.sim.devices.softhand.twin import SoftHandTwin
+from srl.sim.parts.robots.softhand import SoftHandConfig as PartOptions
+from srl.sim.parts.robots.softhand import SoftHandPart
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 
@@ -46,8 +46,8 @@ def driver(server, **config):
 @pytest.fixture
 def opened(server, monkeypatch):
     """Without a watchdog and with much patience: a busy machine may stall this test at any instant."""
-    monkeypatch.setattr("drivers.softhand.driver.GONE", 10_000 * MS)
-    monkeypatch.setattr("drivers.softhand.driver.PATIENCE", 10_000 * MS)
+    monkeypatch.setattr("srl.drivers.softhand.driver.GONE", 10_000 * MS)
+    monkeypatch.setattr("srl.drivers.softhand.driver.PATIENCE", 10_000 * MS)
     hand = driver(server, watchdog=0)
     hand.open()
     yield hand
@@ -57,7 +57,7 @@ def opened(server, monkeypatch):
 @pytest.fixture
 def guarded(server, monkeypatch):
     """With its watchdog, whose time is the twin's, and with as much patience."""
-    monkeypatch.setattr("drivers.softhand.driver.GONE", 10_000 * MS)
+    monkeypatch.setattr("srl.drivers.softhand.driver.GONE", 10_000 * MS)
     hand = driver(server)
     hand.open()
     yield hand
@@ -223,7 +223,7 @@ def test_a_silent_hand_is_lost_and_comes_back(server, guarded, monkeypatch):
     until(lambda: guarded.health.stamp > 0, lambda: idle(guarded))
     server.twin.muted = True
     with monkeypatch.context() as patch:
-        patch.setattr("drivers.softhand.driver.GONE", GONE)
+        patch.setattr("srl.drivers.softhand.driver.GONE", GONE)
         with pytest.raises(DeviceLostError, match=r"no answer for 0\.5 s"):
             until(lambda: False, lambda: idle(guarded))
     assert not guarded.health.connected

@@ -5,7 +5,7 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.softhand.protocol import (
+from srl.drivers.softhand.protocol import (
     Cmd,
     Frame,
     Limits,

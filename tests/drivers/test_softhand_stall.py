@@ -6,10 +6,10 @@ import pytest
 from helpers.peer import Peer, bound, cycles
 from helpers.wait import until
 
-from drivers.softhand import SoftHand
-from drivers.softhand.config import SoftHandConfig
-from drivers.softhand.driver import Motor
-from runtime.contracts.errors import DeviceLostError
+from srl.drivers.softhand import SoftHand
+from srl.drivers.softhand.config import SoftHandConfig
+from srl.drivers.softhand.driver import Motor
+from srl.runtime.contracts.errors import DeviceLostError
 
 WORLD = {"world": "cell", "parts": {"hand": {"part": "softhand"}}}
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.pause import WATCH
-from drivers.streamtime import ENDURED, Lateness, StreamTime, measured_rate
-from runtime.contracts.driver import Health
-from runtime.contracts.errors import DeviceLostError
+from srl.drivers.pause import WATCH
+from srl.drivers.streamtime import ENDURED, Lateness, StreamTime, measured_rate
+from srl.runtime.contracts.driver import Health
+from srl.runtime.contracts.errors import DeviceLostError
 
 MS = 1_000_000
 

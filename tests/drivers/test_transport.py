@@ -16,8 +16,8 @@ from typing import BinaryIO
 import pytest
 from helpers.wait import until
 
-from drivers.transport import Transport, open_transport
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.transport import Transport, open_transport
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 COMMAND = bytes(range(1, 21))
 SO_ATTACH_FILTER, SO_DETACH_FILTER = 26, 27

@@ -2,10 +2,10 @@
 
 import pytest
 
-from drivers.ur import UrConfig
-from drivers.ur.registers import MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
-from drivers.ur.script import ALONE, STRANGE, program
-from sim.devices.ur.twin_script import Script
+from srl.drivers.ur import UrConfig
+from srl.drivers.ur.registers import MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
+from srl.drivers.ur.script import ALONE, STRANGE, program
+from srl.sim.devices.ur.twin_script import Script
 
 MINE = 77
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from helpers.ur import Rig, advance, make_fake, speed
 
-from drivers.ur import registers
-from drivers.ur.registers import ScriptState
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
-from runtime.loop.clock import DeviceClock
+from srl.drivers.ur import registers
+from srl.drivers.ur.registers import ScriptState
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.loop.clock import DeviceClock
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 

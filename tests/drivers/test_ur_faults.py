@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.ur import Rig, speed
 
-from drivers.ur import registers
-from drivers.ur.handshake import Handshake
-from drivers.ur.registers import ScriptState
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.ur import registers
+from srl.drivers.ur.handshake import Handshake
+from srl.drivers.ur.registers import ScriptState
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 

@@ -8,12 +8,12 @@ import pytest
 from helpers.ur import Rig, advance, make_fake, speed
 from helpers.wait import until
 
-from drivers.ur import Ur, UrConfig
-from drivers.ur.status import RobotMode
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Stop
-from runtime.contracts.wearer import Lead
-from sim.parts.robots.arm import ArmPart
+from srl.drivers.ur import Ur, UrConfig
+from srl.drivers.ur.status import RobotMode
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.contracts.wearer import Lead
+from srl.sim.parts.robots.arm import ArmPart
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 

@@ -9,15 +9,15 @@ from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from drivers.ur import UrConfig, dashboard
-from drivers.ur.config import Address, address
-from drivers.ur.dashboard import Lines
-from drivers.ur.declaration import commands, limits, states
-from drivers.ur.models import same
-from drivers.ur.sample import TYPES, Sample, fill_pose, names
-from drivers.ur.script import program
-from drivers.ur.status import SafetyBits, safety_words
-from runtime.contracts import rotation
+from srl.drivers.ur import UrConfig, dashboard
+from srl.drivers.ur.config import Address, address
+from srl.drivers.ur.dashboard import Lines
+from srl.drivers.ur.declaration import commands, limits, states
+from srl.drivers.ur.models import same
+from srl.drivers.ur.sample import TYPES, Sample, fill_pose, names
+from srl.drivers.ur.script import program
+from srl.drivers.ur.status import SafetyBits, safety_words
+from srl.runtime.contracts import rotation
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_poses_dont_jump_where_the_vector_flips():
 
 
 def test_a_sample_with_nonsense_in_it_changes_nothing():
-    from drivers.ur.recipe import Recipe
+    from srl.drivers.ur.recipe import Recipe
 
     recipe = Recipe(names("target"), TYPES)
     good = [1.0, *[tuple(np.arange(6.0) + k) for k in range(5)], 0.5, 7, 1, 3, 2, 4, 1, 9, 5]

@@ -7,11 +7,11 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ur import registers, rtde
-from drivers.ur.handshake import Handshake
-from drivers.ur.recipe import NOT_FOUND, Recipe, input_type, output_type, register
-from drivers.ur.rtde import Kind, Message, Parser
-from runtime.contracts.errors import DeviceError
+from srl.drivers.ur import registers, rtde
+from srl.drivers.ur.handshake import Handshake
+from srl.drivers.ur.recipe import NOT_FOUND, Recipe, input_type, output_type, register
+from srl.drivers.ur.rtde import Kind, Message, Parser
+from srl.runtime.contracts.errors import DeviceError
 
 DATA = bytes.fromhex("001455 01 40d0070d2f1a9fbe 3ff0000000000000")
 CONTROLLER = bytes.fromhex("0013 76 00000005 00000008 00000000 00000000")

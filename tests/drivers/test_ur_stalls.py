@@ -8,9 +8,9 @@ from helpers.peer import Peer, bound, cycles
 from helpers.wait import until
 from helpers.zenoh import reopened
 
-from drivers.ur import Ur, UrConfig
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.drivers.ur import Ur, UrConfig
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 pytestmark = pytest.mark.serial  # an arm that is driven 500 times a second, and how far it goes on by itself
 

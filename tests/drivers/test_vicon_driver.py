@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers.vicon_script import ARM, ARM_OPTIONS, MS, Server, frame, open_driver, pose, static, values
 
-from drivers.vicon import Vicon, blocks
-from drivers.vicon.protocol import Block
-from runtime.contracts.errors import DeviceLostError
+from srl.drivers.vicon import Vicon, blocks
+from srl.drivers.vicon.protocol import Block
+from srl.runtime.contracts.errors import DeviceLostError
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import pytest
 from helpers.twin import bound
 from helpers.wait import until
 
-from drivers.vicon import Vicon, object_stream, objects
-from drivers.vicon.objects import TrackedObject
-from runtime.contracts.errors import DeviceError
+from srl.drivers.vicon import Vicon, object_stream, objects
+from srl.drivers.vicon.objects import TrackedObject
+from srl.runtime.contracts.errors import DeviceError
 
 MS = 1_000_000
 HAND = TrackedObject("Hand", (100.0, 200.0, 300.0, 0.0, 0.0, np.pi / 2))

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.capture import axes
-from drivers.capture.names import Marker, Segment, Subject
-from drivers.vicon import blocks, geometry, objects, protocol
-from drivers.vicon.blocks import MalformedError
-from drivers.vicon.objects import TrackedObject
-from drivers.vicon.protocol import Block, Parser
-from sim.devices.vicon import twin_blocks as encode
+from srl.drivers.capture import axes
+from srl.drivers.capture.names import Marker, Segment, Subject
+from srl.drivers.vicon import blocks, geometry, objects, protocol
+from srl.drivers.vicon.blocks import MalformedError
+from srl.drivers.vicon.objects import TrackedObject
+from srl.drivers.vicon.protocol import Block, Parser
+from srl.sim.devices.vicon import twin_blocks as encode
 
 HELLO = bytes.fromhex(
     "01002b1a64000000a18601005c0000001600000001000000020000000500000006000000070000000800000009000000170000001a000000"

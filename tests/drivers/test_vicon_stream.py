@@ -24,11 +24,11 @@ from helpers.vicon_script import (
 from helpers.wait import until
 from pydantic import ValidationError
 
-from drivers.transport import open_transport
-from drivers.vicon import Vicon, datastream, protocol
-from drivers.vicon.protocol import Block, packet
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.vicon import twin_blocks as encode
+from srl.drivers.transport import open_transport
+from srl.drivers.vicon import Vicon, datastream, protocol
+from srl.drivers.vicon.protocol import Block, packet
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.vicon import twin_blocks as encode
 
 
 @pytest.fixture

@@ -12,18 +12,18 @@ import can
 import numpy as np
 import pytest
 
-from drivers.canbus import CanLink
-from drivers.datagram import Datagrams
-from drivers.transport.base import Transport
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.plausible import plausible
-from runtime.ipc.words import DEVICE as WORD
-from runtime.ipc.words import LINK_ERROR
-from runtime.loop.device import Device
-from runtime.testing.twin_bench import TwinBench
-from sim.devices.examples import DEVICES
-from studies.faults.wire_trial import CYCLE, NOT, _driver, _twin
+from srl.drivers.canbus import CanLink
+from srl.drivers.datagram import Datagrams
+from srl.drivers.transport.base import Transport
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.plausible import plausible
+from srl.runtime.ipc.words import DEVICE as WORD
+from srl.runtime.ipc.words import LINK_ERROR
+from srl.runtime.loop.device import Device
+from srl.runtime.testing.twin_bench import TwinBench
+from srl.sim.devices.examples import DEVICES
+from srl.studies.faults.wire_trial import CYCLE, NOT, _driver, _twin
 
 KINDS: Final = sorted(set(DEVICES) - set(NOT))
 READS: Final = 400

@@ -9,11 +9,11 @@ import pytest
 from helpers.xsens import mvn, opened, step
 from pydantic import ValidationError
 
-from drivers.xsens_mvn import XsensMvn, protocol
-from drivers.xsens_mvn import driver as module
-from drivers.xsens_mvn.protocol import POSES, Pose
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.rotation import matrix
+from srl.drivers.xsens_mvn import XsensMvn, protocol
+from srl.drivers.xsens_mvn import driver as module
+from srl.drivers.xsens_mvn.protocol import POSES, Pose
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.rotation import matrix
 
 WANTED = {"joints": ["RightElbow", "LeftKnee"], "centre_of_mass": True}
 FEW = {"segments": {"chest": "T8", "arm": "RightUpperArm"}}

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.xsens_mti import XsensMti, XsensMtiConfig, data
-from drivers.xsens_mti.protocol import Id, Message, encode
+from srl.drivers.xsens_mti import XsensMti, XsensMtiConfig, data
+from srl.drivers.xsens_mti.protocol import Id, Message, encode
 from srl.testing import bound
 
 PERIOD = 10_000_000  # ns

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from drivers.xsens_mti import XsensMtiConfig, data
-from drivers.xsens_mti.protocol import Id, Message, Parser, configuration, configure, encode
+from srl.drivers.xsens_mti import XsensMtiConfig, data
+from srl.drivers.xsens_mti.protocol import Id, Message, Parser, configuration, configure, encode
 
 # Of the protocol sheet; another parser (ethz-asl's mtdevice.py) decodes it with these values.
 DATA = bytes.fromhex(

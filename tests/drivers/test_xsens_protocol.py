@@ -9,9 +9,9 @@ from helpers.fuzz import mutations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.xsens_mvn import protocol
-from drivers.xsens_mvn.assembly import MOST, Assembly
-from drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, SEGMENTS, MalformedError, Pose
+from srl.drivers.xsens_mvn import protocol
+from srl.drivers.xsens_mvn.assembly import MOST, Assembly
+from srl.drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, SEGMENTS, MalformedError, Pose
 
 HEAD = "4d5854503032000000648017000013880017000000000 2e0".replace(" ", "")
 CENTRE_SHORT = bytes.fromhex("4d585450323400000064800000001388001700000000000c3dcccccd3e4ccccd3f800000")

@@ -13,9 +13,9 @@ from helpers.bus import FINGERS, JOINTS, Run, spawn
 from helpers.wait import until
 from helpers.zenoh import bound, certificates, cycles, lost, reopened
 
-from drivers.zenoh import Zenoh, ZenohConfig
-from runtime.contracts.errors import DeviceError
-from runtime.ipc.run_folder import RunFolder
+from srl.drivers.zenoh import Zenoh, ZenohConfig
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.ipc.run_folder import RunFolder
 
 PLACE = "srl/one/state/"
 SIGNALS: dict[str, Any] = {

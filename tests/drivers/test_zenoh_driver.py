@@ -12,11 +12,11 @@ import pytest
 from helpers.zenoh import Served, Still, bound, cycles, lost, reopened
 from pydantic import ValidationError
 
-from drivers.zenoh import Zenoh, ZenohConfig, driver
-from runtime.contracts.errors import DeviceError
-from runtime.messages import messages
-from sim.devices.zenoh.fake import FakeZenoh, FakeZenohOptions
-from sim.devices.zenoh.twin import ZenohTwin
+from srl.drivers.zenoh import Zenoh, ZenohConfig, driver
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.messages import messages
+from srl.sim.devices.zenoh.fake import FakeZenoh, FakeZenohOptions
+from srl.sim.devices.zenoh.twin import ZenohTwin
 
 KEY = "srl/other/state/glove/position"
 GLOVE = {"key": KEY, "shape": [3], "unit": "rad"}

@@ -13,10 +13,10 @@ from helpers.wait import until
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.zenoh_link import Link, Outlet, PeerConfig, wire
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.tls import TlsConfig
-from sim.devices.zenoh.twin import Arrival, ZenohDoor
+from srl.drivers.zenoh_link import Link, Outlet, PeerConfig, wire
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.tls import TlsConfig
+from srl.sim.devices.zenoh.twin import Arrival, ZenohDoor
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 KEY = "robot/command"
@@ -173,7 +173,7 @@ def test_a_process_that_hangs_is_replaced(door: ZenohDoor, monkeypatch: pytest.M
     os.kill(hung, signal.SIGSTOP)
     link.close()
     with monkeypatch.context() as patch:
-        patch.setattr("drivers.zenoh_link.link.START", 0.2)
+        patch.setattr("srl.drivers.zenoh_link.link.START", 0.2)
         with pytest.raises(DeviceError, match="hangs"):
             link.open(PeerConfig(port=door.address), [], [], [], timeout=0.2)
     with pytest.raises(ProcessLookupError):

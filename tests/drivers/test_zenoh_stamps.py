@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from helpers.zenoh import bound, cycles, lost, reopened
 
-from drivers.zenoh import Zenoh, ZenohConfig, driver
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.field import Field
-from runtime.messages import attachment, messages
-from sim.devices.zenoh.twin import ZenohDoor
+from srl.drivers.zenoh import Zenoh, ZenohConfig, driver
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.field import Field
+from srl.runtime.messages import attachment, messages
+from srl.sim.devices.zenoh.twin import ZenohDoor
 
 
 def device(address: str, signals: dict[str, Any], **options: Any) -> Zenoh:

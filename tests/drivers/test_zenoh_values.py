@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from drivers.zenoh.values import BOOL, JOY, POINT, TWIST, Values, type_of
-from runtime.contracts.errors import RequestError
-from runtime.messages import cdr, messages
+from srl.drivers.zenoh.values import BOOL, JOY, POINT, TWIST, Values, type_of
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.messages import cdr, messages
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 FLOAT = st.floats(-1e9, 1e9)

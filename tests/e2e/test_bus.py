@@ -11,9 +11,9 @@ import psutil
 import pytest
 from helpers.run import Running, call
 
-from runtime.bus.client import Client, connect
-from runtime.contracts.errors import RequestError
-from runtime.ipc.words import Cause, Latch, State
+from srl.runtime.bus.client import Client, connect
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.words import Cause, Latch, State
 
 
 def test_states_requests_and_parameters(tmp_path: Path) -> None:

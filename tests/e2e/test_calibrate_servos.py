@@ -18,16 +18,16 @@ from helpers.run import alive, call, environment, srl
 from helpers.srl_twin import TwinProcess
 from helpers.wait import until
 
-from drivers.firmata.config import FirmataConfig
-from runtime.contracts.files import KeptFile
-from runtime.contracts.servo_record import ServoRecord
-from runtime.control.setpoint.jog import REST
-from runtime.control.shared import record_file
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, State
-from runtime.recording.reader import read
+from srl.control.setpoint.jog import REST
+from srl.drivers.firmata.config import FirmataConfig
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.servo_record import ServoRecord
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.models import record_file
+from srl.runtime.recording.reader import read
 
 pytestmark = pytest.mark.slow
 
@@ -130,7 +130,7 @@ class Calibrating:
     def loop(self) -> int:
         """The process id of the loop: that child which isn't the recorder."""
         children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        found = [int(pid) for pid in children if b"runtime.loop" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        found = [int(pid) for pid in children if b"srl.runtime.loop" in Path(f"/proc/{pid}/cmdline").read_bytes()]
         return found[0]
 
     def hang_up(self) -> None:
@@ -207,7 +207,7 @@ ENDS: dict[str, tuple[Callable[[Calibrating], object], int | None]] = {
 }
 
 
-@pytest.mark.sampled(2)  # tests/jog has each end
+@pytest.mark.sampled(2)  # tests/commissioning/jog has each end
 @pytest.mark.parametrize("end", ENDS)
 def test_what_ends_in_the_middle_brakes_and_writes_nothing(end: str, tmp_path: Path) -> None:
     act, code = ENDS[end]

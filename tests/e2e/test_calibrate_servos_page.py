@@ -18,17 +18,17 @@ from helpers.run import alive, environment, srl
 from helpers.srl_twin import TwinProcess
 from helpers.wait import until
 
-from runtime.contracts.servo_record import ServoRecord
-from runtime.control.setpoint.jog import REST
-from runtime.control.shared import record_file
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.presses import FRESH, MOVES
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, State
-from runtime.jog.hold import PAUSE
-from runtime.operator.client import OperatorPage
-from runtime.recording.reader import read
+from srl.commissioning.jog.hold import PAUSE
+from srl.control.setpoint.jog import REST
+from srl.runtime.contracts.servo_record import ServoRecord
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.presses import FRESH, MOVES
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.models import record_file
+from srl.runtime.recording.reader import read
+from srl.runtime.web.operator.client import OperatorPage
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]  # real time, and a page's own: a busy machine is slow
 KEYS = {
@@ -197,7 +197,7 @@ def test_the_page_is_gone_with_a_held_key_and_the_run_is_ended_by_a_signal(tmp_p
     with guided(tmp_path, browser) as made:
         loop = [
             int(pid) for pid in Path(f"/proc/{made.run.pid}/task/{made.run.pid}/children").read_text().split()
-            if b"runtime.loop" in Path(f"/proc/{pid}/cmdline").read_bytes()
+            if b"srl.runtime.loop" in Path(f"/proc/{pid}/cmdline").read_bytes()
         ]  # fmt: skip
         begun = made.applied
 

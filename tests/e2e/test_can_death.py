@@ -21,10 +21,10 @@ from helpers.live_can import Live
 from helpers.run import Running, call
 from helpers.wait import until
 
-from runtime.ipc.words import State
-from sim.devices.cubemars_servo.twin import CubemarsServoTwin
-from sim.devices.odrive.twin import OdriveTwin
-from sim.devices.shared.can import CanTwin
+from srl.runtime.ipc.words import State
+from srl.sim.devices.cubemars_servo.twin import CubemarsServoTwin
+from srl.sim.devices.odrive.twin import OdriveTwin
+from srl.sim.devices.shared.can import CanTwin
 
 pytestmark = pytest.mark.slow
 

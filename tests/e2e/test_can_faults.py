@@ -20,11 +20,11 @@ from helpers.mit_can import SEVEN
 from helpers.run import Running, call
 from helpers.wait import until
 
-from drivers.mit_can import protocol
-from drivers.mit_can.protocol import Register
-from runtime.ipc.words import State
-from sim.devices.mit_can.twin import MitCanTwin
-from sim.parts.actuators.motors import WINDING_BIT
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.protocol import Register
+from srl.runtime.ipc.words import State
+from srl.sim.devices.mit_can.twin import MitCanTwin
+from srl.sim.parts.actuators.motors import WINDING_BIT
 
 pytestmark = [pytest.mark.slow, pytest.mark.serial]
 

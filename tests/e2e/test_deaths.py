@@ -14,14 +14,14 @@ import pytest
 from helpers.run import Running, alive, call
 from helpers.wait import until
 
-from runtime.bus.client import connect
-from runtime.cli import main
-from runtime.contracts.errors import RequestError
-from runtime.ipc.control_socket import send_note
-from runtime.ipc.events import EventReader
-from runtime.ipc.words import Cause, State
-from runtime.recording.reader import read
-from runtime.recording.segments import folder_of, listed
+from srl.runtime.bus.client import connect
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.control_socket import send_note
+from srl.runtime.ipc.events import EventReader
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.segments import folder_of, listed
 
 
 @pytest.mark.serial  # a ring holds some seconds of rows: the recorder must be back in them

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers.run import Running, call
 
-from runtime.ipc.words import Latch, State
+from srl.runtime.ipc.words import Latch, State
 
 pytestmark = pytest.mark.slow
 

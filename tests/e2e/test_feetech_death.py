@@ -13,7 +13,7 @@ from helpers.run import Running, call, summary
 from helpers.twin import Bench
 from helpers.wait import until
 
-from runtime.ipc.words import State
+from srl.runtime.ipc.words import State
 
 pytestmark = pytest.mark.slow
 

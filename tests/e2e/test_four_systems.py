@@ -13,8 +13,8 @@ from helpers.four_systems import SYSTEMS, profile
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.signals import Array
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.signals import Array
 from srl.testing import simulate
 
 pytestmark = pytest.mark.slow

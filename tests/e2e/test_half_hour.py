@@ -25,9 +25,9 @@ from helpers.run import environment, srl
 from helpers.srl_twin import TwinProcess
 from helpers.wait import until
 
-from runtime.control.glove.shapes import LAST, Angles, shapes
-from runtime.ipc.words import State
-from runtime.recording.reader import read
+from srl.commissioning.calibration.glove.shapes import LAST, Angles, shapes
+from srl.runtime.ipc.words import State
+from srl.runtime.recording.reader import read
 
 PAGE = ROOT / "docs" / "half-hour.md"
 FIRST = 60.0  # s for which the hand is flat at first: until the calibration has begun

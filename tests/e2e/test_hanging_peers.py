@@ -15,9 +15,9 @@ from helpers.peer import Peer, load, peer_of
 from helpers.run import Running
 from helpers.wait import until
 
-from runtime.bus.client import Client, connect
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.words import Cause, State
+from srl.runtime.bus.client import Client, connect
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.words import Cause, State
 
 HANG = 3.0  # s
 

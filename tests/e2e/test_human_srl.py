@@ -11,12 +11,12 @@ from helpers.run import call, summary
 from helpers.shared import shared
 from helpers.skeleton import FOLDER, human_srl
 
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.skeleton.paper import PaperVector
-from runtime.ipc.words import State
-from runtime.profile import profile
-from runtime.recording.reader import Recording, read
+from srl.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.paper import PaperVector
+from srl.runtime.ipc.words import State
+from srl.runtime.models.skeleton import bvh
+from srl.runtime.profile import profile
+from srl.runtime.recording.reader import Recording, read
 
 pytestmark = pytest.mark.slow
 POSTURES = np.array(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers.run import call, summary
 
-from runtime.contracts.wearer import Action
-from runtime.ipc.words import State
-from runtime.recording.reader import read
-from sim.parts.body.whole_body_wearer import ACTION
+from srl.runtime.contracts.wearer import Action
+from srl.runtime.ipc.words import State
+from srl.runtime.recording.reader import read
+from srl.sim.parts.body.whole_body_wearer import ACTION
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 PAUSE = 2.0  # s; so ten actions take 50 s, 1000 steps at 20 Hz

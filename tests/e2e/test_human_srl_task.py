@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers.run import call, summary
 
-from runtime.control.operation.law import Mode
-from runtime.control.operation.record import TaskRecord
-from runtime.control.shared import record_file
-from runtime.recording.reader import read
+from srl.control.operation.law import Mode
+from srl.control.operation.record import TaskRecord
+from srl.runtime.models import record_file
+from srl.runtime.recording.reader import read
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

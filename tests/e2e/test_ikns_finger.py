@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from helpers.upper_body import POINT, STEADY
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Follow, Hold, Instruction
-from runtime.control.ikns.record import Record
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from sim.world.cell import Cell
+from srl.control.ikns.record import Record
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Follow, Hold, Instruction
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.sim.world.cell import Cell
 
 pytestmark = pytest.mark.slow
 

@@ -21,11 +21,11 @@ from helpers.wait import until
 from ruamel.yaml import YAML
 from scipy.spatial import cKDTree
 
-from runtime.contracts.signals import Array
-from runtime.ipc.words import FLAG_RESEATED, LINK_STALE, Cause, State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from runtime.recording.reader import Recording, read
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import FLAG_RESEATED, LINK_STALE, Cause, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.runtime.recording.reader import Recording, read
 
 pytestmark = [pytest.mark.serial, pytest.mark.slow]  # a loop that is held up for 0.1 s counts as hung
 
@@ -39,7 +39,7 @@ LAG = 0.5  # s of the wire, by which the finger may be later
 
 def written(folder: Path, dynamixel: bool) -> str:
     """The profile in a folder, with its calibration."""
-    home = resources.files("profiles")
+    home = resources.files("srl.profiles")
     text: dict[str, Any] = YAML(typ="safe", pure=True).load((home / "ikns-finger.yaml").read_text())
     if dynamixel:
         homes = {joint: servo["home"] for joint, servo in text["devices"]["finger"]["servos"].items()}

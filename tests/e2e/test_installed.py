@@ -19,9 +19,9 @@ from pathlib import Path
 import pytest
 from helpers.lever import write_package
 
-from runtime.cli import COMMANDS
-from runtime.profile import shelf
-from runtime.recording.reader import read
+from srl.runtime.cli import COMMANDS
+from srl.runtime.profile import shelf
+from srl.runtime.recording.reader import read
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -108,7 +108,7 @@ def test_the_wheel_has_every_file_of_its_packages(wheel: Path) -> None:
 
 
 def test_the_laws_in_c_come_with_it_where_there_is_a_compiler(wheel: Path, installed: Installed) -> None:
-    code = "from runtime.contracts import compiled; print(compiled.available())"
+    code = "from srl.runtime.contracts import compiled; print(compiled.available())"
     found = installed.run("python", "-c", code).strip()
     if shutil.which("cc") is None:
         assert found == "python"
@@ -138,7 +138,7 @@ def test_its_own_packages_are_used_and_not_the_checkout(installed: Installed) ->
 def in_one_process(installed: Installed, *commands: list[str]) -> list[str]:
     """What each command of `srl` prints; a start for each would take a second, and all of them would show the same."""
     code = (
-        "import contextlib, io, json, sys; from runtime.cli import main; found = []\n"
+        "import contextlib, io, json, sys; from srl.runtime.cli import main; found = []\n"
         "for command in json.loads(sys.argv[1]):\n"
         "    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):\n"
         "        main(command)\n"
@@ -173,7 +173,7 @@ def test_a_run_is_recorded_drawn_and_replayed(installed: Installed) -> None:
 
 
 def test_the_panels_page_is_there(installed: Installed) -> None:
-    code = "from runtime.panel.pages import PAGE; print(*sorted(p.name for p in PAGE.iterdir()), sep='\\n')"
+    code = "from srl.runtime.web.panel.pages import PAGE; print(*sorted(p.name for p in PAGE.iterdir()), sep='\\n')"
     files = installed.run("python", "-c", code).split()
     assert files == sorted(p.name for p in (ROOT / "runtime" / "panel" / "page").iterdir())
 

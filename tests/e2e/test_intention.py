@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, Cause, State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
 
 pytestmark = pytest.mark.slow
 

@@ -18,9 +18,9 @@ from helpers.peer import load, peer_of
 from helpers.run import Running, call
 from helpers.wait import until
 
-from runtime.bus.client import Client, connect
-from runtime.contracts.errors import RequestError
-from runtime.ipc.words import CYCLE, State
+from srl.runtime.bus.client import Client, connect
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.words import CYCLE, State
 
 pytestmark = pytest.mark.slow
 

@@ -16,8 +16,8 @@ from helpers.firmata import ScriptedBoard
 from helpers.run import Running, alive, environment
 from helpers.wait import until
 
-from runtime.ipc.words import State
-from runtime.recording.reader import read
+from srl.runtime.ipc.words import State
+from srl.runtime.recording.reader import read
 
 pytestmark = pytest.mark.slow
 

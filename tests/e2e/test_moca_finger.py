@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from runtime.ipc.words import State
-from runtime.profile import profile
+from srl.runtime.ipc.words import State
+from srl.runtime.profile import profile
 from srl.testing import simulate
 
 pytestmark = pytest.mark.slow

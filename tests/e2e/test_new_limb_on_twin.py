@@ -12,8 +12,8 @@ from helpers.arm_urdf import HIP
 from helpers.run import call
 from helpers.srl_twin import TwinProcess
 
-from runtime.ipc.words import State
-from runtime.recording.reader import read
+from srl.runtime.ipc.words import State
+from srl.runtime.recording.reader import read
 
 pytestmark = [pytest.mark.slow, pytest.mark.serial]
 

@@ -16,14 +16,14 @@ from helpers.chromium import Chromium, Page
 from helpers.run import call, environment, srl
 from helpers.wait import until
 
-from runtime.control.setpoint.jog import REST
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.presses import FRESH, MOVES
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, State
-from runtime.jog.cut import RAMP
-from runtime.operator.client import OperatorPage
+from srl.commissioning.jog.cut import RAMP
+from srl.control.setpoint.jog import REST
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.presses import FRESH, MOVES
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.web.operator.client import OperatorPage
 
 pytestmark = pytest.mark.slow
 RIGHT = {"key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39}

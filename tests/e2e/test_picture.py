@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.run import call
 
-from runtime.ipc.words import State
-from runtime.panel.picture import View
-from runtime.recording.reader import read
-from runtime.recording.shapes import UNKNOWN, distance_colors
+from srl.runtime.ipc.words import State
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.shapes import UNKNOWN, distance_colors
+from srl.runtime.web.panel.picture import View
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers.run import call, summary
 
-from runtime.ipc.words import State
-from runtime.loop.replay import perturbed, replay
-from runtime.recording.reader import Recording, read
+from srl.runtime.ipc.words import State
+from srl.runtime.loop.replay import perturbed, replay
+from srl.runtime.recording.reader import Recording, read
 
 
 @pytest.fixture(scope="module")

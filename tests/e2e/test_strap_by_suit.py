@@ -13,7 +13,7 @@ from helpers.four_systems import SYSTEMS, profile
 from helpers.worn_arm import FOLDER
 from ruamel.yaml import YAML
 
-from runtime.contracts.rotation import Pose, inverted
+from srl.runtime.contracts.rotation import Pose, inverted
 from srl.testing import Lab
 
 pytestmark = pytest.mark.slow

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
 
 pytestmark = pytest.mark.slow
 

@@ -17,10 +17,10 @@ import pytest
 from helpers.run import call, summary
 from ruamel.yaml import YAML
 
-from runtime.contracts.signals import Array
-from runtime.control.robots import PANDA, UR16E
-from runtime.ipc.words import State
-from runtime.recording.reader import Recording, read
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import State
+from srl.runtime.models.robots import PANDA, UR16E
+from srl.runtime.recording.reader import Recording, read
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 CHUNKS = int(os.environ.get("SRL_SUPERMAN_CHUNKS", "1"))

@@ -22,12 +22,12 @@ from helpers.run import Running, environment, srl
 from helpers.slow_link import SlowLink
 from helpers.zenoh import certificates
 
-from drivers.cyberglove.protocol import LABELS
-from drivers.zenoh import Zenoh
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, LINK_STALE, Cause, State
-from studies.faults.device_trial import Bench
-from studies.faults.steps import ROUNDING, largest
+from srl.drivers.cyberglove.protocol import LABELS
+from srl.drivers.zenoh import Zenoh
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, LINK_STALE, Cause, State
+from srl.studies.faults.device_trial import Bench
+from srl.studies.faults.steps import ROUNDING, largest
 
 GLOVE, FINGER = "10.77.5.1", "10.77.5.2"
 PORT, RELAY = 7447, 7448

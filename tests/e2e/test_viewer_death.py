@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from helpers.run import Running
 
-from runtime.recording.reader import read
+from srl.runtime.recording.reader import read
 
 
 @pytest.mark.slow

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from helpers.worn_arm import RATE, TrueWeight, bench, worn
 
-from runtime.contracts.rotation import exp
-from runtime.contracts.signals import Array
-from runtime.ipc.words import State
+from srl.runtime.contracts.rotation import exp
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import State
 from srl.testing import Lab, Simulated, simulate
 
 pytestmark = pytest.mark.slow

@@ -13,17 +13,17 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.recording import make_layout, make_rows
 
-from runtime.contracts.errors import RecordingError, RequestError
-from runtime.contracts.field import Field
-from runtime.export import formats, parquet_file, report
-from runtime.ipc.events import Event, Level
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import LINK_CONNECTED
-from runtime.profile import profile, wiring
-from runtime.recorder.figure import draw
-from runtime.recording.elements import elements
-from runtime.recording.index import made_of
-from runtime.recording.reader import Recording
+from srl.runtime.contracts.errors import RecordingError, RequestError
+from srl.runtime.contracts.field import Field
+from srl.runtime.export import formats, parquet_file, report
+from srl.runtime.ipc.events import Event, Level
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import LINK_CONNECTED
+from srl.runtime.pictures.figure import draw
+from srl.runtime.profile import profile, wiring
+from srl.runtime.recording.elements import elements
+from srl.runtime.recording.index import made_of
+from srl.runtime.recording.reader import Recording
 
 
 def recorded(count: int = 600, without: slice = slice(0, 0)) -> Recording:

@@ -16,14 +16,14 @@ from helpers import ROOT
 from helpers.panel import SIGNAL, MadeUpLoop
 from helpers.run import environment, refused, srl
 
-from runtime.contracts.errors import RecordingError, RequestError
-from runtime.contracts.reach import reachable
-from runtime.export.lsl_channels import Channels
-from runtime.export.lsl_outlet import Outlet
-from runtime.ipc.layout import Layout
-from runtime.ipc.rows import LOOK
-from runtime.ipc.words import DEVICE, Cause, State
-from runtime.recording.reader import read
+from srl.runtime.contracts.errors import RecordingError, RequestError
+from srl.runtime.contracts.reach import reachable
+from srl.runtime.export.lsl_channels import Channels
+from srl.runtime.export.lsl_outlet import Outlet
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.rows import LOOK
+from srl.runtime.ipc.words import DEVICE, Cause, State
+from srl.runtime.recording.reader import read
 
 NAMESPACE = ("unshare", "-rn")  # a network of its own, without privileges
 
@@ -188,7 +188,7 @@ def in_namespace(command: str, folder: Path, timeout: float = 100) -> subprocess
 @pytest.mark.slow
 @needs_namespaces
 def test_who_could_read_it_is_tried(tmp_path: Path) -> None:
-    look = f"{sys.executable} -c 'from runtime.contracts.reach import reachable; print(reachable())'"
+    look = f"{sys.executable} -c 'from srl.runtime.contracts.reach import reachable; print(reachable())'"
     assert in_namespace(look, tmp_path).stdout == "[]\n"
     lab = "ip addr add 10.98.7.6/32 dev lo;"
     assert in_namespace(f"{lab} {look}", tmp_path).stdout == "['10.98.7.6']\n"
@@ -208,9 +208,9 @@ def test_an_address_that_comes_up_later_ends_it(tmp_path: Path) -> None:
 
 _LATER = """
 import subprocess
-from runtime.cli import lsl, main
-from runtime.export import lsl_outlet
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.cli import lsl, main
+from srl.runtime.export import lsl_outlet
+from srl.runtime.ipc.run_folder import RunFolder
 
 class Outlet:
     description, lack, lost, sent = "", "", 0, 0
@@ -229,7 +229,7 @@ print(main(["lsl", "--signals", "law.x"]))
 def test_an_address_that_nobody_can_reach_isn_t_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     trie = tmp_path / "trie"
     trie.write_text("     |-- 127.0.0.1\n        /32 host LOCAL\n     |-- 203.0.113.9\n        /32 host LOCAL\n")
-    monkeypatch.setattr("runtime.contracts.reach.ADDRESSES", trie)
+    monkeypatch.setattr("srl.runtime.contracts.reach.ADDRESSES", trie)
     assert reachable() == []  # no address of this machine: nothing can listen there
 
 
@@ -243,7 +243,7 @@ def holds(size):
         assert lab.poll() is None
         time.sleep(0.05)
 
-srl, folder = [sys.executable, "-m", "runtime"], Path(sys.argv[1])
+srl, folder = [sys.executable, "-m", "srl"], Path(sys.argv[1])
 run = subprocess.Popen([*srl, "run", "sixth-finger", "--sim", "--set", "bus=null", "--record", str(folder / "run.rrd")])
 outlet = None
 try:

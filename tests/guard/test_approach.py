@@ -7,7 +7,7 @@ import ruckig
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from runtime.guard.approach import approach
+from srl.runtime.guard.approach import approach
 
 position = st.floats(-3, 3)
 velocity = st.floats(-6, 6)

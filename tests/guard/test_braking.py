@@ -7,7 +7,7 @@ import ruckig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.guard.braking import brake, stop_range, stoppable
+from srl.runtime.guard.braking import brake, stop_range, stoppable
 
 A, J = 8.0, 60.0
 velocities = st.floats(-5, 5)

@@ -8,10 +8,10 @@ from helpers.compiled import bits, needs_c
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.compiled import undone
-from runtime.contracts.signals import Command, Kind, Stop
-from runtime.contracts.terms import PLANAR_TWIST
-from runtime.guard.following import TIMEOUT, WINDOW, FollowingError
+from srl.runtime.contracts.compiled import undone
+from srl.runtime.contracts.signals import Command, Kind, Stop
+from srl.runtime.contracts.terms import PLANAR_TWIST
+from srl.runtime.guard.following import TIMEOUT, WINDOW, FollowingError
 
 DT = 0.01
 AWAY = WINDOW["rad"] + 0.1

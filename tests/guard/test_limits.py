@@ -5,9 +5,9 @@ import pytest
 from helpers.guard import PLACE, guard_of
 from pydantic import ValidationError
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Command, Kind, Limits, Stop
-from runtime.guard import GUARDS, GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, merge
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Command, Kind, Limits, Stop
+from srl.runtime.guard import GUARDS, GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, merge
 
 
 def test_a_number_is_for_every_joint_a_list_has_one_each():

@@ -10,7 +10,7 @@ from helpers.verified import DT, LAG, A, Scene, V, points, wanted
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Kind, Stop
+from srl.runtime.contracts.signals import Kind, Stop
 
 KINDS = pytest.mark.parametrize("kind", [Kind.POSITION, Kind.VELOCITY])
 UPPER = 0.4  # rad, of the second joint; the first is slow to brake and has room

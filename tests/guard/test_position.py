@@ -8,9 +8,9 @@ from helpers.guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Command, Kind, Limits, Stop
-from runtime.guard import GUARDS
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Command, Kind, Limits, Stop
+from srl.runtime.guard import GUARDS
 
 DT, V, A, LOW, HIGH = 0.01, 4.0, 40.0, -1.0, 1.5
 jerks = st.sampled_from([None, 400.0, 4000.0])

@@ -10,9 +10,9 @@ from helpers.compiled import bits, needs_c
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.compiled import undone
-from runtime.contracts.signals import Array
-from runtime.guard.rates import RateCheck
+from srl.runtime.contracts.compiled import undone
+from srl.runtime.contracts.signals import Array
+from srl.runtime.guard.rates import RateCheck
 
 WAYS = [pytest.param(True, marks=needs_c), False]  # in C, in Python
 RATES = [20, 100, 1000]  # Hz

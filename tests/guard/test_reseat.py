@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Array, Command, Kind, Stop
-from runtime.guard import GUARDS, CommandGuard, GuardLimits
+from srl.runtime.contracts.signals import Array, Command, Kind, Stop
+from srl.runtime.guard import GUARDS, CommandGuard, GuardLimits
 
 DT = 0.01
 LIMITS: dict[Kind, dict[str, Any]] = {
@@ -236,7 +236,7 @@ def test_what_a_driver_reports_as_no_number_is_no_place_to_begin() -> None:
 
 
 def test_what_was_sent_must_have_the_commands_shape() -> None:
-    from runtime.contracts.errors import WiringError
+    from srl.runtime.contracts.errors import WiringError
 
     link = Link(Kind.VELOCITY)
     with pytest.raises(WiringError, match="sent has shape"):

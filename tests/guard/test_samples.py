@@ -10,11 +10,11 @@ from helpers.compiled import needs_c
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.contracts.compiled import undone
-from runtime.contracts.plausible import plausible
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POSE, WRENCH
-from runtime.guard.samples import AGREE, HAND, SLACK, SPEED, SampleCheck
+from srl.runtime.contracts.compiled import undone
+from srl.runtime.contracts.plausible import plausible
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POSE, WRENCH
+from srl.runtime.guard.samples import AGREE, HAND, SLACK, SPEED, SampleCheck
 
 DT = 10_000_000  # ns
 FAST = 2.0  # rad/s

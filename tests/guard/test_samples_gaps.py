@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Array, Signal
-from runtime.guard.samples import AGREE, SLACK, SPEED, SampleCheck
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.guard.samples import AGREE, SLACK, SPEED, SampleCheck
 
 FAST = 2.0  # rad/s
 JOINTS = ("one", "two")

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Command, Kind, Stop
-from runtime.guard import GUARDS, GuardLimits
+from srl.runtime.contracts.signals import Command, Kind, Stop
+from srl.runtime.guard import GUARDS, GuardLimits
 
 LIMITS: dict[Kind, dict[str, Any]] = {
     Kind.VELOCITY: {"velocity": 1.0, "acceleration": 5.0},

@@ -8,7 +8,7 @@ from helpers.guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Kind, Stop
+from srl.runtime.contracts.signals import Kind, Stop
 
 DT, E, RATE, V, LOW, HIGH = 0.001, 10.0, 2000.0, 2.0, -1.0, 1.0
 SOFT = 0.04  # rad: the barrier is a spring

@@ -8,7 +8,7 @@ from helpers.guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Kind, Stop
+from srl.runtime.contracts.signals import Kind, Stop
 
 DT, V, A, LOW, HIGH = 0.01, 2.0, 10.0, -1.0, 1.0
 

@@ -10,8 +10,8 @@ from helpers.verified import DT, LAG, A, C, Scene, points, slow, wanted
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Kind
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Kind
 
 
 @given(st.lists(st.tuples(wanted, points, slow), min_size=1, max_size=8), st.sampled_from([0, 3]))

@@ -8,10 +8,10 @@ from helpers.verified import DT, LAG, A, C, Scene, V
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.clearance import Braking
-from runtime.contracts.signals import Kind, Stop
-from runtime.guard.base import LONGEST
-from runtime.guard.verified import brake_together
+from srl.runtime.contracts.clearance import Braking
+from srl.runtime.contracts.signals import Kind, Stop
+from srl.runtime.guard.base import LONGEST
+from srl.runtime.guard.verified import brake_together
 
 
 def test_a_stop_leaves_the_line_neither_when_held_nor_when_told_to():

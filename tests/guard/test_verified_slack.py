@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.verified import DT, LAG, Scene
 
-from runtime.contracts.clearance import Braking
-from runtime.contracts.signals import Stop
+from srl.runtime.contracts.clearance import Braking
+from srl.runtime.contracts.signals import Stop
 
 
 def test_the_slack_is_what_is_measured_where_that_is_more():

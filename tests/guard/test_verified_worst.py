@@ -9,8 +9,8 @@ from helpers.verified import A_H, DT, LAG, A, C, Scene, points, slow, wanted
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Array, Kind
-from runtime.guard.verified import brake_together, stop_time
+from srl.runtime.contracts.signals import Array, Kind
+from srl.runtime.guard.verified import brake_together, stop_time
 
 
 def worst(

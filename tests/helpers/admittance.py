@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from helpers.control import bound
-from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
+from srl.control.cobot.admittance import Admittance, AdmittanceConfig
 
 DT = 0.001
 

@@ -10,14 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import drivers.panda.driver
-import drivers.ur.driver
-from drivers.datagram import Datagrams
-from drivers.panda import Panda
-from drivers.panda.config import PandaConfig
-from drivers.transport import Transport
-from drivers.ur import Ur, UrConfig
-from drivers.ur.registers import MODE, VALUES, Mode
+import srl.drivers.panda.driver
+import srl.drivers.ur.driver
 from helpers import panda
 from helpers.background import repeating
 from helpers.bad_link import Valve
@@ -26,8 +20,14 @@ from helpers.twin import Bench
 from helpers.under_guard import Setting, Wire
 from helpers.ur import make_fake
 from helpers.wait import until
-from runtime.loop.device import Device
-from sim.devices.ur.twin import UrTwin
+from srl.drivers.datagram import Datagrams
+from srl.drivers.panda import Panda
+from srl.drivers.panda.config import PandaConfig
+from srl.drivers.transport import Transport
+from srl.drivers.ur import Ur, UrConfig
+from srl.drivers.ur.registers import MODE, VALUES, Mode
+from srl.runtime.loop.device import Device
+from srl.sim.devices.ur.twin import UrTwin
 
 EXACT = 1e-6  # the wire rounds less
 Guard = dict[str, float]
@@ -55,13 +55,13 @@ class UrWire(Wire):
         guard, amplitude, rate = UR[interface]
         centre = self.fake.controller.arm.position.copy() if interface == "position" else np.zeros(6)
         super().__init__(Setting("ur", given, command, guard, centre, amplitude, 500.0, rate, np.full(6, EXACT)))
-        opening = drivers.ur.driver.open_transport
+        opening = srl.drivers.ur.driver.open_transport
 
         def opened(*args: Any, **options: Any) -> Transport:
             self._in = self._came()
             return self.valve.fit(opening(*args, **options))
 
-        patch.setattr(drivers.ur.driver, "open_transport", opened)
+        patch.setattr(srl.drivers.ur.driver, "open_transport", opened)
         write = self.twin.registers.write
 
         def written(values: dict[str, Any]) -> None:
@@ -124,13 +124,13 @@ class PandaWire(Wire):
             Setting("panda", given, command, guard, centre, amplitude, 1000.0, rate, np.full(7, EXACT), filtered)
         )
         self.valve = Valve()
-        opening = drivers.panda.driver.open_datagrams
+        opening = srl.drivers.panda.driver.open_datagrams
 
         def opened(*args: Any, **options: Any) -> Datagrams:
             self._states = self.valve.fit_datagrams(opening(*args, **options))
             return self._states
 
-        patch.setattr(drivers.panda.driver, "open_datagrams", opened)
+        patch.setattr(srl.drivers.panda.driver, "open_datagrams", opened)
         deliver = self.twin.robot.deliver
 
         def delivered(setpoint: Any) -> None:

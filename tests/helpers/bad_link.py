@@ -10,10 +10,10 @@ from typing import Any
 
 import can
 
-from drivers.base import MobileBase
-from drivers.canbus import CanLink
-from drivers.datagram import Datagrams
-from drivers.transport import Transport
+from srl.drivers.base import MobileBase
+from srl.drivers.canbus import CanLink
+from srl.drivers.datagram import Datagrams
+from srl.drivers.transport import Transport
 
 
 class Valve:

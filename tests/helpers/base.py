@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import BaseConfig, MobileBase
-from drivers.base.driver import COMMAND
 from helpers.zenoh import Served, bound, cycles
-from sim.devices.base.fake import FakeBase, FakeBaseOptions
-from sim.devices.base.twin import BaseTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.base import BaseConfig, MobileBase
+from srl.drivers.base.driver import COMMAND
+from srl.sim.devices.base.fake import FakeBase, FakeBaseOptions
+from srl.sim.devices.base.twin import BaseTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 
 class Robot:

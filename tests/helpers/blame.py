@@ -9,17 +9,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from runtime.control.skeleton.arms import BASE
-from runtime.control.skeleton.envelope import PARTS
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.skeleton.options import EnvelopeOptions
-from runtime.profile import profile
-from studies.human_srl.contacts import BLAME, shapes
-from studies.human_srl.gap import Gap
-from studies.human_srl.reach_trial import Attack, Run
-from studies.human_srl.reaching import AVERAGE, Reaching
-from studies.human_srl.setting import Setting
-from studies.human_srl.wearers import wearers
+from srl.control.skeleton.envelope import PARTS
+from srl.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.runtime.models.skeleton.arms import BASE
+from srl.runtime.profile import profile
+from srl.studies.human_srl.contacts import BLAME, shapes
+from srl.studies.human_srl.gap import Gap
+from srl.studies.human_srl.reach_trial import Attack, Run
+from srl.studies.human_srl.reaching import AVERAGE, Reaching
+from srl.studies.human_srl.setting import Setting
+from srl.studies.human_srl.wearers import wearers
 
 __all__ = ["BLAME", "DT", "HIGH", "LAG", "LOW", "A", "Attack", "Gap", "Outcome", "V", "Wearer", "trial", "truth"]
 

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
-from runtime.contracts.terms import CAPSULE, GAP, POINT
-from runtime.control.skeleton.arms import BASE, END, STANDARD, Arms
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, State
-from runtime.recorder.stream import Stream
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.terms import CAPSULE, GAP, POINT
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, State
+from srl.runtime.models.skeleton.arms import BASE, END, STANDARD, Arms
+from srl.runtime.recorder.stream import Stream
 
 FIGURE = HumanSrl(human(), Arms("Spine", BASE, STANDARD, END, ("right",)))
 TREE = FIGURE.tree

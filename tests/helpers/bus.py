@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 
 from helpers.wait import until
-from runtime.bus.client import Client, connect
-from runtime.contracts.errors import RequestError
-from runtime.ipc.events import EventWriter, Level
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter, permitted
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.row import Row
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
+from srl.runtime.bus.client import Client, connect
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.events import EventWriter, Level
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter, permitted
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.row import Row
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 
 JOINTS = ("thumb", "index-1", "index-2")
 FINGERS = ("thumb", "index", "middle", "ring", "little")
@@ -184,7 +184,7 @@ class Run(threading.Thread):
 
 def spawn(run_folder: RunFolder, **options: Any) -> subprocess.Popen[bytes]:
     """The bus process, as the supervisor starts it."""
-    return subprocess.Popen([sys.executable, "-m", "runtime.bus", str(run_folder.path)], **options)
+    return subprocess.Popen([sys.executable, "-m", "srl.runtime.bus", str(run_folder.path)], **options)
 
 
 def reach(run_folder: RunFolder) -> Client:

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from runtime.calibration.cut import build, cut
-from runtime.calibration.sources import Rows, RowSource
-from runtime.calibration.taps import Taps, taps
-from runtime.contracts.signals import Array
-from runtime.control.ikns.calibration import Thresholds
-from runtime.control.ikns.procedure import Plan, Procedure
-from runtime.control.ikns.steps import Kind, Step
-from runtime.ipc.row import Row
-from runtime.ipc.words import CYCLE, State
-from runtime.profile import profile
+from srl.commissioning.calibration.cut import build, cut
+from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
+from srl.commissioning.calibration.ikns.steps import Kind, Step
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.commissioning.calibration.taps import Taps, taps
+from srl.control.ikns.calibration import Thresholds
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.row import Row
+from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.profile import profile
 
 # A finger on the forearm, a pedal that stops it, and all that nobody needs for a calibration.
 PROFILE = """

@@ -15,24 +15,24 @@ import can
 import can.interfaces.virtual
 import numpy as np
 
-import drivers.can_axes.driver
-import drivers.canbus
-import drivers.cubemars_servo.driver
-import drivers.odrive.opening
-from drivers.can_axes.driver import CanAxes
-from drivers.cubemars_servo import CubemarsServo
-from drivers.cubemars_servo.config import CubemarsServoConfig
-from drivers.odrive import Odrive
-from drivers.odrive.config import OdriveConfig
+import srl.drivers.can_axes.driver
+import srl.drivers.canbus
+import srl.drivers.cubemars_servo.driver
+import srl.drivers.odrive.opening
 from helpers.twin import Bench, bound
-from runtime.contracts.files import KeptFile
-from runtime.contracts.signals import Array, Stop
-from sim.devices.cubemars_servo.fake import FakeCubemarsServo
-from sim.devices.cubemars_servo.twin import CubemarsServoTwin
-from sim.devices.odrive.fake import FakeOdrive
-from sim.devices.odrive.twin import OdriveTwin
-from sim.devices.shared.can_drives import DrivesTwin, FakeDrives, FakeDrivesConfig
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.can_axes.driver import CanAxes
+from srl.drivers.cubemars_servo import CubemarsServo
+from srl.drivers.cubemars_servo.config import CubemarsServoConfig
+from srl.drivers.odrive import Odrive
+from srl.drivers.odrive.config import OdriveConfig
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.signals import Array, Stop
+from srl.sim.devices.cubemars_servo.fake import FakeCubemarsServo
+from srl.sim.devices.cubemars_servo.twin import CubemarsServoTwin
+from srl.sim.devices.odrive.fake import FakeOdrive
+from srl.sim.devices.odrive.twin import OdriveTwin
+from srl.sim.devices.shared.can_drives import DrivesTwin, FakeDrives, FakeDrivesConfig
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 EPOCH = 1e9  # s, the system's clock when the simulated one begins
@@ -190,7 +190,7 @@ class TwinRig:
         seconds = lambda: self.bench.now * 1e-9  # noqa: E731
         self._clock = SimpleNamespace(monotonic=seconds, time=lambda: EPOCH + seconds(), sleep=self.bench.run)
         self._patches = ExitStack()
-        for module in (drivers.canbus, can.interfaces.virtual):
+        for module in (srl.drivers.canbus, can.interfaces.virtual):
             self._patches.enter_context(patch.object(module, "time", self._clock))
         if opened:
             self.open()
@@ -207,7 +207,7 @@ class TwinRig:
     def open(self) -> None:
         """Opens the driver; while it waits, simulated time passes, and no other."""
         with ExitStack() as patches:
-            for module in (drivers.can_axes.driver, drivers.odrive.opening, drivers.cubemars_servo.driver):
+            for module in (srl.drivers.can_axes.driver, srl.drivers.odrive.opening, srl.drivers.cubemars_servo.driver):
                 patches.enter_context(patch.object(module, "time", self._clock))
             self.driver.open()
 

@@ -19,32 +19,32 @@ import can
 import numpy as np
 import pytest
 
-import drivers.can_axes.driver
-import drivers.canbus
-import drivers.cubemars_servo.driver
-import drivers.mit_can.driver
-import drivers.mit_can.opening
-import drivers.odrive.opening
-from drivers.canbus import CanLink
-from drivers.cubemars_servo import protocol as servo_protocol
-from drivers.mit_can import MitCan, protocol
-from drivers.odrive import protocol as odrive_protocol
+import srl.drivers.can_axes.driver
+import srl.drivers.canbus
+import srl.drivers.cubemars_servo.driver
+import srl.drivers.mit_can.driver
+import srl.drivers.mit_can.opening
+import srl.drivers.odrive.opening
 from helpers import can_drives, mit_can
 from helpers.bad_link import CanValve
 from helpers.serial_wires import DYNAMIXEL
 from helpers.twin import Bench
 from helpers.under_guard import Setting, Wire
-from runtime.contracts.driver import Driver
-from runtime.loop.device import Device
-from sim.devices.cubemars_servo.twin import CubemarsServoTwin
-from sim.devices.odrive.twin import OdriveTwin
-from sim.devices.shared.can import CanTwin
+from srl.drivers.canbus import CanLink
+from srl.drivers.cubemars_servo import protocol as servo_protocol
+from srl.drivers.mit_can import MitCan, protocol
+from srl.drivers.odrive import protocol as odrive_protocol
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.loop.device import Device
+from srl.sim.devices.cubemars_servo.twin import CubemarsServoTwin
+from srl.sim.devices.odrive.twin import OdriveTwin
+from srl.sim.devices.shared.can import CanTwin
 
 JOINTS = ("shoulder", "elbow", "wrist")
 HZ = 100.0
 _CLOCKED = (
-    *(drivers.canbus, drivers.can_axes.driver, drivers.mit_can.opening, drivers.odrive.opening),
-    drivers.cubemars_servo.driver,
+    *(srl.drivers.canbus, srl.drivers.can_axes.driver, srl.drivers.mit_can.opening, srl.drivers.odrive.opening),
+    srl.drivers.cubemars_servo.driver,
 )
 _buses = itertools.count()
 
@@ -151,7 +151,7 @@ class MitWire(CanWire):
         driver = MitCan("device", self._config)
         given = self._config.model_dump(exclude_unset=True, mode="json")
         swing = None if maker == "damiao" else 0.15
-        super().__init__(setting_of(driver, "mit-can", given, mode, swing), twin, drivers.mit_can.driver, patch)
+        super().__init__(setting_of(driver, "mit-can", given, mode, swing), twin, srl.drivers.mit_can.driver, patch)
         self._mode, self._driver = mode, driver
 
     def heard(self, message: can.Message) -> tuple[int, float] | None:
@@ -191,7 +191,7 @@ class AxesWire(CanWire):
         fake = can_drives.make_fake(self._config, world, bus=bus())
         twin = (OdriveTwin if odrive else CubemarsServoTwin)(fake)
         options = self._config.model_dump(exclude_unset=True, mode="json")
-        super().__init__(setting_of(fake.driver, kind, options, "position"), twin, drivers.can_axes.driver, patch)
+        super().__init__(setting_of(fake.driver, kind, options, "position"), twin, srl.drivers.can_axes.driver, patch)
         self._driver = fake.driver
 
     def heard(self, message: can.Message) -> tuple[int, float] | None:

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from runtime.contracts import compiled as module
-from runtime.contracts.compiled import Compiled, compiled
-from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Array
+from srl.runtime.contracts import compiled as module
+from srl.runtime.contracts.compiled import Compiled, compiled
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array
 
 needs_c = pytest.mark.skipif(bool(module.missing()), reason=f"no C to compare with: {module.missing()}")
 # From 3.12 on `sum` rounds once at its end, which C doesn't imitate.

@@ -7,15 +7,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from runtime.contracts.controller import Controller
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
-from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
-from runtime.control.hand.hand_kinematics import HandKinematics, HandKinematicsConfig
-from runtime.control.hand.human_hand import JOINTS, hand_geometry
-from runtime.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
-from runtime.control.shared.kinematics import Chain
+from srl.control.hand.extra_finger import ExtraFinger, FingerKinematics
+from srl.control.hand.hand_kinematics import HandKinematics, HandKinematicsConfig
+from srl.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
+from srl.control.shared.kinematics import Chain
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import JOINTS, hand_geometry
 
 C = TypeVar("C", bound=Controller)
 

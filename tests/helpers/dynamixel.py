@@ -10,14 +10,14 @@ from typing import Any, Self
 import numpy as np
 import pytest
 
-from drivers.dynamixel import Dynamixel
-from drivers.dynamixel.config import DynamixelConfig
 from helpers.twin import Bench, bound
 from helpers.wait import until
-from runtime.contracts.signals import Array
-from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
-from sim.devices.dynamixel.twin import DynamixelTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.dynamixel import Dynamixel
+from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
+from srl.sim.devices.dynamixel.twin import DynamixelTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 THREE = {"shoulder": {"model": "MX-106"}, "elbow": {"model": "MX-64"}, "slide": {"model": "MX-28", "m_per_rad": 0.01}}

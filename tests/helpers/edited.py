@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from runtime.control.shared.record_file import HASH
+from srl.runtime.models.record_file import HASH
 
 
 def content(path: Path) -> Any:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from runtime.calibration.cut import build
-from runtime.calibration.emg_method import EmgMethod, Taps
-from runtime.calibration.order import Order
-from runtime.calibration.sources import Rows, RowSource
-from runtime.contracts.wearer import Contract
-from runtime.control.emg.procedure import Step
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
-from runtime.profile import profile
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.emg.method import EmgMethod, Taps
+from srl.commissioning.calibration.emg.procedure import Step
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.runtime.contracts.wearer import Contract
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
+from srl.runtime.profile import profile
 
 NAMES = ("biceps", "triceps")
 GAINS = {"biceps": 6e-4, "triceps": 1.5e-4}

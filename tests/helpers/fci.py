@@ -12,11 +12,11 @@ from contextlib import AbstractContextManager
 
 import numpy as np
 
-from drivers.panda import packets
-from drivers.panda.packets import Controller, Generator, RobotMode
-from drivers.panda.protocol import Reply, Request, RequestParser, Status, connect_reply, encode_reply
-from drivers.panda.requests import AutomaticErrorRecovery, Body, Connect, Move, StopMove
 from helpers.background import repeating
+from srl.drivers.panda import packets
+from srl.drivers.panda.packets import Controller, Generator, RobotMode
+from srl.drivers.panda.protocol import Reply, Request, RequestParser, Status, connect_reply, encode_reply
+from srl.drivers.panda.requests import AutomaticErrorRecovery, Body, Connect, Move, StopMove
 
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 

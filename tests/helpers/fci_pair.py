@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from drivers.panda import Panda, packets
-from drivers.panda.config import PandaConfig
 from helpers.fci import Robot
+from srl.drivers.panda import Panda, packets
+from srl.drivers.panda.config import PandaConfig
 
 MS = 1_000_000
 

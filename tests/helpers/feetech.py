@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from drivers.feetech import Feetech
-from drivers.feetech.config import FeetechConfig
 from helpers.dynamixel import Rig
 from helpers.twin import Bench, bound
-from runtime.contracts.signals import Array
-from sim.devices.feetech.fake import FakeFeetech, FakeFeetechConfig
-from sim.devices.feetech.twin import FeetechTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.feetech import Feetech
+from srl.drivers.feetech.config import FeetechConfig
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.feetech.fake import FakeFeetech, FakeFeetechConfig
+from srl.sim.devices.feetech.twin import FeetechTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 TWO: dict[str, dict[str, Any]] = {"shoulder": {"model": "STS3250"}, "elbow": {"model": "STS3215"}}
 _BUILT = ("model", "m_per_rad", "reversed", "zero")

@@ -13,8 +13,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from drivers.firmata import Firmata
 from helpers.wait import until
+from srl.drivers.firmata import Firmata
 
 # An Uno's capabilities, from the protocol sheet: serial pins, digital and PWM pins, analog pins.
 _DIGITAL = bytes.fromhex("00 01 0b 01 01 01 04 0e 7f")

@@ -8,7 +8,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from helpers import ROOT
-from runtime.contracts.rotation import Pose, composed, product
+from srl.runtime.contracts.rotation import Pose, composed, product
 
 SYSTEMS = ("vicon", "optitrack", "xsens", "noitom")
 C = sqrt(0.5)

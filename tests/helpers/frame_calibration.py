@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from runtime.calibration.cut import build
-from runtime.calibration.frame_method import FrameMethod, Taps
-from runtime.calibration.order import Order
-from runtime.calibration.sources import Rows, RowSource
-from runtime.contracts import rotation
-from runtime.contracts.rotation import Pose
-from runtime.contracts.wearer import Lead
-from runtime.control.mount.procedure import Step
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
-from runtime.profile import profile
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.frames.method import FrameMethod, Taps
+from srl.commissioning.calibration.frames.procedure import Step
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.rotation import Pose
+from srl.runtime.contracts.wearer import Lead
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
+from srl.runtime.profile import profile
 
 BASE: Pose = (1.2, -0.4, 0.8, *rotation.from_rpy(0.1, 0.0, 2.0))  # of the arm in the room
 TRACKER: Pose = (0.03, 0.02, 0.05, *rotation.from_rpy(0.3, 0.2, 0.1))  # of what the cameras see, on the flange

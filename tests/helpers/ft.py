@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.world import Twin
-from sim.parts.things.ft_sensor import FtSensorConfig, FtSensorPart, HandleConfig, HandlePart
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.world import Twin
+from srl.sim.parts.things.ft_sensor import FtSensorConfig, FtSensorPart, HandleConfig, HandlePart
+from srl.sim.world.cell import Cell, CellConfig
 
 
 def cell(gravity: bool = False, handle: dict[str, Any] | None = None, sensor: dict[str, Any] | None = None) -> Cell:

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from runtime.calibration.cut import build
-from runtime.calibration.ft_method import FtMethod, Taps
-from runtime.calibration.order import Order
-from runtime.calibration.sources import Rows, RowSource
-from runtime.contracts.wearer import Turn
-from runtime.control.ft.procedure import Step
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
-from runtime.profile import profile
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.ft.method import FtMethod, Taps
+from srl.commissioning.calibration.ft.procedure import Step
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.runtime.contracts.wearer import Turn
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
+from srl.runtime.profile import profile
 
 BIAS = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])  # N, N m
 MASS, COM = 0.45, np.array([0.004, -0.007, 0.053])  # kg, m

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from runtime.calibration.cut import build
-from runtime.calibration.glove_method import GloveMethod, Taps
-from runtime.calibration.order import Order
-from runtime.calibration.sources import Rows, RowSource
-from runtime.contracts.wearer import Shape
-from runtime.control.glove.procedure import Step
-from runtime.control.hand.human_hand import SENSORS
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
-from runtime.profile import profile
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.glove.method import GloveMethod, Taps
+from srl.commissioning.calibration.glove.procedure import Step
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.runtime.contracts.wearer import Shape
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.models.human_hand import SENSORS
+from srl.runtime.profile import profile
 
 NAMES = SENSORS[22]
 _SHIPPED = (files("profiles") / "sixth-finger.yaml").read_text()

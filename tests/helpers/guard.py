@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from runtime.contracts.signals import Array, Command, Kind
-from runtime.guard import GUARDS, CommandGuard, GuardLimits
+from srl.runtime.contracts.signals import Array, Command, Kind
+from srl.runtime.guard import GUARDS, CommandGuard, GuardLimits
 
 PLACE = "guard.finger.command"
 

@@ -10,8 +10,8 @@ import pytest
 
 from helpers.control import bound
 from helpers.null_space_arm import Arm
-from runtime.contracts.signals import Array
-from runtime.control.ikns.law import Ikns, IknsConfig
+from srl.control.ikns.law import Ikns, IknsConfig
+from srl.runtime.contracts.signals import Array
 
 DT = 0.01
 

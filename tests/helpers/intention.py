@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from helpers.control import bound
-from runtime.contracts.files import KeptFile
-from runtime.contracts.signals import Array
-from runtime.control.intention.law import Intention, IntentionConfig
-from runtime.control.intention.record import Record
-from runtime.control.intention.training import Held, Recogniser, Thresholds, train
-from studies.intention import people
-from studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, TRUNK, Session, begun, unrelated
+from srl.control.intention.law import Intention, IntentionConfig
+from srl.control.intention.record import Record
+from srl.control.intention.training import Held, Recogniser, Thresholds, train
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.signals import Array
+from srl.studies.intention import people
+from srl.studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, TRUNK, Session, begun, unrelated
 
 THRESHOLDS = Thresholds()
 session = cache(people.session)

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 from helpers.intention import SKELETON
-from runtime.calibration.cut import build
-from runtime.calibration.intention_method import IntentionMethod, Taps
-from runtime.calibration.order import Order
-from runtime.calibration.sources import Rows, RowSource
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Perform, Rest
-from runtime.ipc.words import CYCLE, LINK_CONNECTED, State
-from runtime.profile import profile
-from sim.wearer.people import subject
-from sim.wearer.performer import Performer
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.intention.method import IntentionMethod, Taps
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Perform, Rest
+from srl.runtime.ipc.words import CYCLE, LINK_CONNECTED, State
+from srl.runtime.profile import profile
+from srl.sim.wearer.people import subject
+from srl.sim.wearer.performer import Performer
 
 PROFILE = """
 name: suit-intention

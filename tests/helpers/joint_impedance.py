@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from helpers.arm_urdf import HIP
-from runtime.contracts.files import KeptFile
-from runtime.control.arm.joint_impedance import JointImpedance, JointImpedanceConfig
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots.pinocchio_model import pinocchio_model
+from srl.control.arm.joint_impedance import JointImpedance, JointImpedanceConfig
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
 from srl.testing import bound
 
 ROBOT = RobotModel.model_validate({"urdf": KeptFile(Path("hip.urdf"), HIP.encode()), "tip": "tool"}).robot

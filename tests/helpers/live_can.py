@@ -13,7 +13,7 @@ from typing import Any
 import can
 
 from helpers.wait import until
-from sim.devices.shared.can import CanTwin
+from srl.sim.devices.shared.can import CanTwin
 
 
 class Live:

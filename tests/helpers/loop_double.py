@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from helpers.recording import make_layout
-from runtime.ipc.channel import Channel
-from runtime.ipc.events import EventWriter
-from runtime.ipc.launch import Launch
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.stop_slots import StopSlots
-from runtime.service import supervisor as service
+from srl.runtime.ipc.channel import Channel
+from srl.runtime.ipc.events import EventWriter
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.stop_slots import StopSlots
+from srl.runtime.service import supervisor as service
 
 
 class _Sleeper(subprocess.Popen[bytes]):

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from drivers.mit_can.config import MitCanConfig
 from helpers.sim import bind
-from runtime.contracts.signals import Array, Stop
-from sim.devices.mit_can.drives import Drives
-from sim.devices.mit_can.fake import FakeMitCan
-from sim.devices.mit_can.twin import MitCanTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.runtime.contracts.signals import Array, Stop
+from srl.sim.devices.mit_can.drives import Drives
+from srl.sim.devices.mit_can.fake import FakeMitCan
+from srl.sim.devices.mit_can.twin import MitCanTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 PERIOD = 2_000_000  # ns: 500 cycles a second
 ONE: dict[str, dict[str, Any]] = {"elbow": {"model": "DM4340", "kp": 40, "kd": 2}}

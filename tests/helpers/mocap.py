@@ -8,9 +8,9 @@ import c3d
 import numpy as np
 
 from helpers.shared import shared
-from runtime.contracts.rotation import euler_angles
-from runtime.control.ikns.body import Body, Side, average
-from runtime.control.ikns.identify import ArmLandmarks, Landmarks, Measures, identify, plug_in_gait
+from srl.control.ikns.identify import ArmLandmarks, Landmarks, Measures, identify, plug_in_gait
+from srl.runtime.contracts.rotation import euler_angles
+from srl.runtime.models.body import Body, Side, average
 
 SERVE = "data/optitrack_upper_body/kinematics_tennis_serve"
 STATURE = 1.679  # m, of the person in vicon_plug_in_gait

@@ -7,13 +7,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from runtime.contracts import registry
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.driver import DeviceConfig, Driver
-from runtime.contracts.signals import Array, Command, Kind, Signal, Stop
-from runtime.ipc.row import Row
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.driver import DeviceConfig, Driver
+from srl.runtime.contracts.signals import Array, Command, Kind, Signal, Stop
+from srl.runtime.ipc.row import Row
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 
 def build(text: str, sim: list[str] | None = None) -> Graph:

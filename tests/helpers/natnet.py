@@ -6,11 +6,11 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-from drivers.natnet import NatNet
 from helpers.twin import bound
-from sim.devices.natnet.fake import FakeNatNet
-from sim.devices.natnet.twin import NatNetTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.natnet import NatNet
+from srl.sim.devices.natnet.fake import FakeNatNet
+from srl.sim.devices.natnet.twin import NatNetTwin
+from srl.sim.world.cell import Cell, CellConfig
 from srl.testing import TwinBench
 
 TOOL = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Array
-from runtime.control.robot_model import RobotDescription
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robot_model import RobotDescription
 from srl.testing import Lab
 
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from drivers.noitom import Noitom, NoitomConfig
-from drivers.noitom.protocol import encode_binary, encode_text
-from drivers.noitom.skeleton import Skeleton
-from drivers.streamtime import StreamTime
 from helpers.twin import bound
-from runtime.contracts.signals import Array
+from srl.drivers.noitom import Noitom, NoitomConfig
+from srl.drivers.noitom.protocol import encode_binary, encode_text
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.drivers.streamtime import StreamTime
+from srl.runtime.contracts.signals import Array
 
 MS = 1_000_000
 

@@ -14,9 +14,9 @@ from typing import cast
 import numpy as np
 import pinocchio as pin
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.calibration import Recording, Thresholds, calibrate
-from runtime.control.ikns.record import Record, write
+from srl.control.ikns.calibration import Recording, Thresholds, calibrate
+from srl.control.ikns.record import Record, write
+from srl.runtime.contracts.signals import Array
 
 UPPER, FORE, HAND, CLAVICLE = 0.326, 0.256, 0.09, 0.16  # m
 MIDDLE = np.array([0.33, -0.17, -0.12])  # m, of the workspace

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from helpers.panel import MadeUpLoop
-from runtime.ipc.words import CYCLE, DEVICE, Cause, Latch, State
+from srl.runtime.ipc.words import CYCLE, DEVICE, Cause, Latch, State
 
 JOINTS = ("shoulder", "elbow")
 

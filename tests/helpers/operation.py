@@ -9,15 +9,15 @@ import numpy as np
 
 from helpers.control import bound
 from helpers.skeleton import human_srl
-from runtime.contracts.rotation import product
-from runtime.contracts.signals import Array
-from runtime.control.operation.demonstration import PERIOD, TaskPath
-from runtime.control.operation.law import IndependentOperation, Mode
-from runtime.control.operation.options import IndependentOperationConfig
-from runtime.control.operation.replay import JointRanges, Replay, ReplayOptions
-from runtime.control.operation.worn import Worn
-from runtime.control.skeleton.envelope import Envelope
-from runtime.control.skeleton.kinematics import Kinematics
+from srl.control.operation.demonstration import PERIOD, TaskPath
+from srl.control.operation.law import IndependentOperation, Mode
+from srl.control.operation.options import IndependentOperationConfig
+from srl.control.operation.replay import JointRanges, Replay, ReplayOptions
+from srl.control.operation.worn import Worn
+from srl.control.skeleton.envelope import Envelope
+from srl.control.skeleton.kinematics import Kinematics
+from srl.runtime.contracts.rotation import product
+from srl.runtime.contracts.signals import Array
 
 LOWER = np.array([-1.6, -1.4, -1.6, -1.9, 0.0, -1.6, -2.6])
 UPPER = np.array([1.0, 0.3, 1.6, 1.9, 0.1, 1.6, 2.6])

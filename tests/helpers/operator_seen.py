@@ -7,7 +7,7 @@ from typing import Any
 from helpers.chromium import Page
 from helpers.operated import OperatedLoop
 from helpers.wait import until
-from runtime.operator.client import OperatorPage
+from srl.runtime.web.operator.client import OperatorPage
 
 
 class Seen:

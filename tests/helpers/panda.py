@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from drivers.panda import Panda
 from helpers.wait import until
-from sim.devices.panda.controller import PandaController
-from sim.devices.panda.fake import FakePanda
-from sim.devices.panda.motion import Setpoint
-from sim.devices.panda.robot import FakePandaConfig, PandaRobot
-from sim.devices.panda.twin import PandaTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.panda import Panda
+from srl.sim.devices.panda.controller import PandaController
+from srl.sim.devices.panda.fake import FakePanda
+from srl.sim.devices.panda.motion import Setpoint
+from srl.sim.devices.panda.robot import FakePandaConfig, PandaRobot
+from srl.sim.devices.panda.twin import PandaTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000  # ns
 QUIET = {"position_noise": 0.0, "velocity_noise": 0.0, "effort_noise": 0.0}

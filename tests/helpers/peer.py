@@ -20,8 +20,8 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from helpers import ROOT, environment
-from runtime.contracts.driver import Driver
-from runtime.contracts.world import Fake, Twin, World
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.world import Fake, Twin, World
 
 
 class Peer:
@@ -138,7 +138,7 @@ def bound(driver: Driver) -> Driver:
 
 def make(order: dict[str, Any]) -> tuple[World, Fake, Twin]:
     """World, fake and twin from an order."""
-    from runtime.contracts import registry
+    from srl.runtime.contracts import registry
 
     options = dict(order["world"])
     world_class = registry.load("worlds", options.pop("world", "cell"), "test")
@@ -155,7 +155,7 @@ def make(order: dict[str, Any]) -> tuple[World, Fake, Twin]:
 
 
 def _serve(order: dict[str, Any]) -> None:
-    from runtime.loop.clock import MonotonicClock
+    from srl.runtime.loop.clock import MonotonicClock
 
     world, _, twin = make(order)
     twin.open()

@@ -7,12 +7,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from sim.parts.person.person import PersonPart
-from sim.parts.person.plans import GoTo, Hold, Press
-from sim.parts.things.box import BoxPart
-from sim.world.cell import Cell, CellConfig
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.sim.parts.person.person import PersonPart
+from srl.sim.parts.person.plans import GoTo, Hold, Press
+from srl.sim.parts.things.box import BoxPart
+from srl.sim.world.cell import Cell, CellConfig
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 MS = 1_000_000
 HEAVY = {"mass": 1e4, "inertia": 1e3, "damping": 0.0, "turn_damping": 0.0}  # stays where a test puts it

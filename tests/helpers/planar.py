@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
-from runtime.contracts.signals import Array, Command, Signal
-from runtime.control.shared.approach import Separation, is_clear, margins, travels
+from srl.control.shared.approach import Separation, is_clear, margins, travels
+from srl.runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
+from srl.runtime.contracts.signals import Array, Command, Signal
 
 LINKS = np.array([0.3, 0.25])  # m
 RADII = np.array([0.03, 0.02])  # m, of the links

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.ipc.events import EventWriter, Level
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.events import EventWriter, Level
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 

@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from helpers.wait import until
-from runtime.cli import main
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.cli import main
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
 
 
 def srl(*arguments: str) -> list[str]:
     """The command line."""
-    return [sys.executable, "-m", "runtime", *arguments]
+    return [sys.executable, "-m", "srl", *arguments]
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -151,7 +151,7 @@ class Running:
         for path in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
             line = Path(f"/proc/{path}/cmdline").read_bytes().decode().split("\0")
             for name in ("loop", "bus", "recorder", "viewing"):
-                if f"runtime.{name}" in line:
+                if f"srl.runtime.{name}" in line:
                     found[name] = int(path)
         return found
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from helpers.recording import make_rows
-from runtime.ipc.events import Event
-from runtime.ipc.layout import Layout
-from runtime.recorder.stream import Stream
-from runtime.recording.framing import HEADER, strip
-from runtime.recording.segments import Segments
+from srl.runtime.ipc.events import Event
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recording.framing import HEADER, strip
+from srl.runtime.recording.segments import Segments
 
 
 def expected(layout: Layout, count: int) -> np.ndarray:

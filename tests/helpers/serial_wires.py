@@ -9,20 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import drivers.dynamixel.driver
-import drivers.feetech.driver
-import drivers.firmata.driver
-import drivers.softhand.driver
-from drivers.dynamixel import Dynamixel
-from drivers.dynamixel.config import DynamixelConfig
-from drivers.dynamixel.family import Family, signed
-from drivers.feetech import Feetech
-from drivers.feetech.config import FeetechConfig
-from drivers.firmata import Firmata
-from drivers.firmata.config import FirmataConfig
-from drivers.softhand import SoftHand
-from drivers.softhand.config import SoftHandConfig
-from drivers.transport import Transport
+import srl.drivers.dynamixel.driver
+import srl.drivers.feetech.driver
+import srl.drivers.firmata.driver
+import srl.drivers.softhand.driver
 from helpers import dynamixel, feetech
 from helpers.bad_link import Valve
 from helpers.dynamixel import waiting
@@ -30,15 +20,25 @@ from helpers.sim import world
 from helpers.twin import Bench
 from helpers.under_guard import Setting, Wire
 from helpers.wait import until
-from runtime.loop.device import Device
-from sim.devices.dynamixel.twin import DynamixelTwin
-from sim.devices.feetech.twin import FeetechTwin
-from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
-from sim.devices.firmata.twin import FirmataTwin
-from sim.devices.shared.serial import SerialTwin
-from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
-from sim.devices.softhand.twin import SoftHandTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.dynamixel import Dynamixel
+from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.drivers.dynamixel.family import Family, signed
+from srl.drivers.feetech import Feetech
+from srl.drivers.feetech.config import FeetechConfig
+from srl.drivers.firmata import Firmata
+from srl.drivers.firmata.config import FirmataConfig
+from srl.drivers.softhand import SoftHand
+from srl.drivers.softhand.config import SoftHandConfig
+from srl.drivers.transport import Transport
+from srl.runtime.loop.device import Device
+from srl.sim.devices.dynamixel.twin import DynamixelTwin
+from srl.sim.devices.feetech.twin import FeetechTwin
+from srl.sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from srl.sim.devices.firmata.twin import FirmataTwin
+from srl.sim.devices.shared.serial import SerialTwin
+from srl.sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
+from srl.sim.devices.softhand.twin import SoftHandTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 PINS = (9, 10)
 JOINTS = ("abduction", "flexion_1")  # as the world calls its servos
@@ -130,7 +130,7 @@ class FirmataWire(SerialWire):
             "firmata", options, command, {"velocity": 4.0, "acceleration": 40.0}, np.array([0.1, -0.1]), 0.6,
             100.0, 4.0, 0.51 * np.array(command.resolution),
         )  # fmt: skip
-        super().__init__(setting, twin, drivers.firmata.driver, patch, to)
+        super().__init__(setting, twin, srl.drivers.firmata.driver, patch, to)
         pulse = twin.servo_pulse
 
         def servo_pulse(pin: int, width: int) -> None:
@@ -154,7 +154,7 @@ class SoftHandWire(SerialWire):
             "softhand", options, command, {"velocity": 2.0, "acceleration": 20.0}, np.array([0.5]), 0.3, 100.0, 2.0,
             np.array([0.51 / (RANGE[1] - RANGE[0])]),
         )  # fmt: skip
-        super().__init__(setting, twin, drivers.softhand.driver, patch, to)
+        super().__init__(setting, twin, srl.drivers.softhand.driver, patch, to)
         self._seen = 0
 
     def collect(self) -> None:
@@ -185,7 +185,7 @@ class DynamixelWire(SerialWire):
             "dynamixel", given, command, guard, np.zeros(2), amplitude, 100.0, rate,
             0.51 * np.abs(np.array(command.resolution)),
         )  # fmt: skip
-        super().__init__(setting, twin, drivers.dynamixel.driver, patch, to)
+        super().__init__(setting, twin, srl.drivers.dynamixel.driver, patch, to)
         for joint, servo in enumerate(twin.servos):
             self._listen(joint, servo, family)
 
@@ -227,7 +227,7 @@ class FeetechWire(SerialWire):
             "feetech", given, command, guard, np.zeros(2), amplitude, 100.0, rate,
             0.51 * np.abs(np.array(command.resolution)),
         )  # fmt: skip
-        super().__init__(setting, twin, drivers.feetech.driver, patch, to)
+        super().__init__(setting, twin, srl.drivers.feetech.driver, patch, to)
         for joint, servo in enumerate(twin.servos):
             self._listen(joint, servo, driver)
 

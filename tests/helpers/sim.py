@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.signals import Array
-from runtime.contracts.world import World, WorldConfig
-from runtime.control.models import Model, context
-from sim.parts.hand.human_hand import HumanHandPart
-from sim.parts.hand.servos import Servos
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import World, WorldConfig
+from srl.runtime.models.models import Model, context
+from srl.sim.parts.hand.human_hand import HumanHandPart
+from srl.sim.parts.hand.servos import Servos
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000  # ns
 WORN = {"parent": "hand/base", "position": [0, -0.020, -0.030], "quaternion": [0.5, -0.5, 0.5, 0.5]}  # as sixth-finger

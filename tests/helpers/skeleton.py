@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.runtime.models.models import ArmsModel
 
 FILES = ("left_arm_fingers_yxz.bvh", "fullbody_walk_yxz.bvh", "fullbody_xyz.bvh")
 FOLDER = "data/axis_neuron_bvh"

@@ -18,7 +18,7 @@ def environment(folder: Path, *installed: Path) -> dict[str, str]:
     info = folder / "srl_plugin-1.dist-info"
     info.mkdir(exist_ok=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: srl-plugin\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[pytest11]\nsrl = runtime.testing.plugin\n")
+    (info / "entry_points.txt").write_text("[pytest11]\nsrl = srl.runtime.testing.plugin\n")
     path = [*installed, folder, ROOT, os.environ.get("PYTHONPATH", "")]
     return os.environ | {
         "PYTHONPATH": os.pathsep.join(str(p) for p in path if str(p)),

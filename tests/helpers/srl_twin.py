@@ -21,7 +21,7 @@ class TwinProcess:
 
     def __init__(self, *arguments: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "runtime", "twin", *arguments, "--json"],
+            [sys.executable, "-m", "srl", "twin", *arguments, "--json"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
         )  # fmt: skip
         first = self.line()

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.control.strap.axes import Axis
+from srl.control.strap.axes import Axis
 
 ARM: dict[str, dict[str, Any]] = {
     "j1": {"axis": [0, 1, 0]},

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from runtime.contracts.frames import FrameEntry, Frames
-from runtime.profile import profile as profiles
-from sim.world.cell import Cell, CellConfig
-from studies.simulated import Setup, parsed
+from srl.runtime.contracts.frames import FrameEntry, Frames
+from srl.runtime.profile import profile as profiles
+from srl.sim.world.cell import Cell, CellConfig
+from srl.studies.simulated import Setup, parsed
 
 
 def profile(setup: Setup) -> dict[str, Any]:

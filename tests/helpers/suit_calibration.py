@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.calibration.cut import build
-from runtime.calibration.order import Order
-from runtime.calibration.sources import Rows, RowSource
-from runtime.calibration.suit_method import SuitMethod, Taps
-from runtime.contracts.wearer import Return, Walk
-from runtime.control.suit.procedure import Kind, Step
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
-from runtime.profile import profile
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.commissioning.calibration.suit.method import SuitMethod, Taps
+from srl.commissioning.calibration.suit.procedure import Kind, Step
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.wearer import Return, Walk
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.profile import profile
 
 PROFILE = """
 name: worn

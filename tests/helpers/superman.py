@@ -11,19 +11,19 @@ import pinocchio as pin
 from scipy.linalg import block_diag
 
 from helpers.control import bound
-from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Array
-from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
-from runtime.control.cobot.guide_buttons import GuideButtons, GuideButtonsConfig
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.cobot.payload import Payload, PayloadConfig
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.robots import PANDA, UR16E
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from sim.parts.robots.arm import ArmPart
-from sim.parts.robots.summit_xl import SummitXlPart
-from sim.world.cell import Cell, CellConfig
+from srl.control.cobot.admittance import Admittance, AdmittanceConfig
+from srl.control.cobot.guide_buttons import GuideButtons, GuideButtonsConfig
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from srl.control.cobot.payload import Payload, PayloadConfig
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA, UR16E
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
+from srl.sim.parts.robots.arm import ArmPart
+from srl.sim.parts.robots.summit_xl import SummitXlPart
+from srl.sim.world.cell import Cell, CellConfig
 
 MASS = (105.0, 21.0)
 """kg, kg m^2: MOCA's virtual mass."""

@@ -11,27 +11,27 @@ import numpy as np
 import pytest
 
 from helpers.wait import until
-from runtime.contracts import registry
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.driver import DeviceConfig, Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Command, Kind, Signal, Stop
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.latches import NONE, names
-from runtime.ipc.requests import RequestWriter
-from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import Cause, Latch, State
-from runtime.loop.clock import Clock, Tick
-from runtime.loop.control_end import ControlEnd
-from runtime.loop.cycle import Cycle
-from runtime.loop.device import Device
-from runtime.loop.guards import limits_of
-from runtime.loop.loop import Loop
-from runtime.loop.process import _plain
-from runtime.loop.request_queue import RequestQueue
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.driver import DeviceConfig, Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Array, Command, Kind, Signal, Stop
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.latches import NONE, names
+from srl.runtime.ipc.requests import RequestWriter
+from srl.runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import Cause, Latch, State
+from srl.runtime.loop.clock import Clock, Tick
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.loop.loop import Loop
+from srl.runtime.loop.process import _plain
+from srl.runtime.loop.request_queue import RequestQueue
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 PERIOD = 10_000_000  # ns
 

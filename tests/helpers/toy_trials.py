@@ -14,7 +14,7 @@ from pathlib import Path
 
 from helpers import ROOT
 from helpers.run import ended, srl
-from studies.tasks import journal, table
+from srl.studies.tasks import journal, table
 
 DIFFERENT = ("seconds", "worker")  # from run to run
 
@@ -24,8 +24,8 @@ import os, signal, time
 from collections.abc import Iterator
 from pathlib import Path
 import numpy as np
-from studies.result import Claim, Result
-from studies.tasks.task import TrialTask
+from srl.studies.result import Claim, Result
+from srl.studies.tasks.task import TrialTask
 
 TRIALS = 12
 
@@ -79,7 +79,7 @@ def installed(folder: Path) -> dict[str, str]:
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-study\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[srl.studies]\ntoy = toy_study:run\n\n[srl.trials]\ntoy = toy_study:trial\n\n"
-        "[srl.runners]\ntasks = studies.tasks.runner:runner\n"
+        "[srl.runners]\ntasks = srl.studies.tasks.runner:runner\n"
     )
     before = os.environ.get("PYTHONPATH", "")
     return os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT), before])}

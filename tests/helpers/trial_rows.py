@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.tasks.task import DONE, Function, Row, TrialTask, flat
+from srl.studies.tasks.task import DONE, Function, Row, TrialTask, flat
 
 
 def row(task: TrialTask, values: Mapping[str, Any]) -> Row:

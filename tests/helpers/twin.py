@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from helpers.background import repeating
 from helpers.wait import until
-from runtime.contracts.driver import Driver
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Twin
-from sim.parts.hand.human_hand import HumanHandConfig, HumanHandPart
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Twin
+from srl.sim.parts.hand.human_hand import HumanHandConfig, HumanHandPart
+from srl.sim.world.cell import Cell, CellConfig
 
 STEP = 1_000_000  # ns
 PATIENCE = 10.0  # s of real time, for a pty to deliver

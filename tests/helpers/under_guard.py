@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts import registry
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Array, Command, Kind, Signal
-from runtime.ipc.requests import Request, RequestKind
-from runtime.ipc.words import CYCLE, DEVICE, FLAG_LIMITED, FLAG_RESEATED, LINK_ACTIVE, Origin, State
-from runtime.loop.cycle import Cycle
-from runtime.loop.device import Device
-from runtime.loop.guards import limits_of
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Array, Command, Kind, Signal
+from srl.runtime.ipc.requests import Request, RequestKind
+from srl.runtime.ipc.words import CYCLE, DEVICE, FLAG_LIMITED, FLAG_RESEATED, LINK_ACTIVE, Origin, State
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 FREQUENCY = 0.8  # Hz: after 0.1, 0.5 and 2 s the wave is far from where it was
 EPS = 1e-9

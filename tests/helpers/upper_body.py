@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from sim.parts.body.upper_body import UpperBodyPart
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.body.upper_body import UpperBodyPart
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 STEADY = {"wander": 0.0, "wander_turn": 0.0, "direction_error": 0.0, "noise": 0.0}

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from drivers.ur import Ur, UrConfig
 from helpers.twin import Bench, bound
 from helpers.wait import until
-from runtime.contracts.driver import Driver
-from sim.devices.ur.fake import FakeUr, FakeUrConfig
-from sim.devices.ur.twin import UrTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.ur import Ur, UrConfig
+from srl.runtime.contracts.driver import Driver
+from srl.sim.devices.ur.fake import FakeUr, FakeUrConfig
+from srl.sim.devices.ur.twin import UrTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 
 def make_fake(config: dict[str, Any] | None = None, parts: dict[str, Any] | None = None, **options: Any) -> FakeUr:

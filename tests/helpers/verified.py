@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from helpers.guard import guard_of
 from helpers.planar import LABELS, PlanarClearance, PlanarConfig, distances
-from runtime.contracts.signals import Command, Kind, Stop
-from runtime.guard import CommandGuard
+from srl.runtime.contracts.signals import Command, Kind, Stop
+from srl.runtime.guard import CommandGuard
 
 DT, V, A = 0.01, 2.0, np.array([6.0, 12.0])
 A_H, C, LAG = 4.0, 0.02, 0.03

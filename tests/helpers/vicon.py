@@ -6,13 +6,13 @@ import time
 from contextlib import AbstractContextManager
 from typing import Any
 
-from drivers.vicon import Vicon
-from drivers.vicon.config import ViconConfig
 from helpers.background import repeating
 from helpers.twin import bound
-from sim.devices.vicon.fake import FakeVicon
-from sim.devices.vicon.twin import ViconTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.vicon import Vicon
+from srl.drivers.vicon.config import ViconConfig
+from srl.sim.devices.vicon.fake import FakeVicon
+from srl.sim.devices.vicon.twin import ViconTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 PARTS: dict[str, Any] = {
     "hand": {"part": "mocap-body", "subject": "Hand", "at": {"position": [0.3, 0.1, 1.0]}, "motion": {"kind": "sine"}},

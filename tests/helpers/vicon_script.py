@@ -6,12 +6,12 @@ import itertools
 
 import numpy as np
 
-from drivers.capture.names import Marker, Segment, Subject
-from drivers.transport import open_transport
-from drivers.vicon import Vicon, protocol
-from drivers.vicon.protocol import Block, packet
 from helpers.twin import bound
-from sim.devices.vicon import twin_blocks as encode
+from srl.drivers.capture.names import Marker, Segment, Subject
+from srl.drivers.transport import open_transport
+from srl.drivers.vicon import Vicon, protocol
+from srl.drivers.vicon.protocol import Block, packet
+from srl.sim.devices.vicon import twin_blocks as encode
 
 MS = 1_000_000  # ns
 

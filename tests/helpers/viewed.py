@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from helpers.panel import MadeUpLoop
-from runtime.ipc.events import EventWriter
-from runtime.ipc.words import CYCLE
+from srl.runtime.ipc.events import EventWriter
+from srl.runtime.ipc.words import CYCLE
 
 WALL = 1_700_000_000_000_000_000  # ns
 
@@ -44,7 +44,7 @@ class ViewedLoop(MadeUpLoop):
 
 
 class ViewerProcess:
-    """`python -m runtime.viewing`; a context manager that leaves no process.
+    """`python -m srl.runtime.web.viewing`; a context manager that leaves no process.
 
     Attributes:
         address: the one that it printed.
@@ -52,7 +52,7 @@ class ViewerProcess:
 
     def __init__(self, folder: Path) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "runtime.viewing", str(folder)], stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "srl.runtime.web.viewing", str(folder)], stderr=subprocess.PIPE, text=True
         )
         assert self.process.stderr is not None
         line = self.process.stderr.readline()

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import BaseConfig, MobileBase
 from helpers.arm_wires import EXACT, PANDA, UR, PandaWire, UrWire
 from helpers.bad_link import Hang
 from helpers.can_wires import AxesWire, MitWire
@@ -20,10 +19,11 @@ from helpers.serial_wires import DYNAMIXEL, DynamixelWire, FeetechWire, FirmataW
 from helpers.twin import bound
 from helpers.under_guard import Setting, Wire
 from helpers.zenoh import Served
-from runtime.loop.device import Device
-from sim.devices.base.fake import FakeBase, FakeBaseOptions
-from sim.devices.base.twin import BaseTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.base import BaseConfig, MobileBase
+from srl.runtime.loop.device import Device
+from srl.sim.devices.base.fake import FakeBase, FakeBaseOptions
+from srl.sim.devices.base.twin import BaseTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 
 class BaseWire(Wire):

@@ -11,14 +11,14 @@ import mujoco
 import numpy as np
 from ruamel.yaml import YAML
 
-import profiles
-from runtime.contracts.files import KeptFile
-from runtime.contracts.rotation import conjugate, turned
-from runtime.contracts.signals import Array
-from runtime.control.robot_model import RobotModel
-from sim.world.mjcf import add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import add_chain
+from srl import profiles
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.rotation import conjugate, turned
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robot_model import RobotModel
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import add_chain
 
 FOLDER = Path(profiles.__file__).parent
 RATE = 500  # Hz, of the profile

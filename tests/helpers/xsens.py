@@ -6,11 +6,11 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-from drivers.xsens_mvn import XsensMvn
 from helpers.twin import bound
-from sim.devices.xsens_mvn.fake import FakeMvn
-from sim.devices.xsens_mvn.twin import XsensMvnTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.xsens_mvn import XsensMvn
+from srl.sim.devices.xsens_mvn.fake import FakeMvn
+from srl.sim.devices.xsens_mvn.twin import XsensMvnTwin
+from srl.sim.world.cell import Cell, CellConfig
 from srl.testing import TwinBench
 
 PERSON: dict[str, Any] = {"wearer": {"part": "body", "script": "reach"}}

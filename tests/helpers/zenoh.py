@@ -12,10 +12,10 @@ from typing import Any, Self
 import numpy as np
 
 from helpers.wait import PATIENCE, until
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.tls import TlsConfig
-from runtime.contracts.world import Twin, World, WorldConfig
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.tls import TlsConfig
+from srl.runtime.contracts.world import Twin, World, WorldConfig
 
 
 class Still(World):

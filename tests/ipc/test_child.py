@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from helpers import environment
 
-from runtime.ipc.child import PARENT, starting
+from srl.runtime.ipc.child import PARENT, starting
 
 SLOW_TO_START = """
 import sys
 print("up", flush=True)
 sys.stdin.readline()  # what happens until here comes before its first instruction
-from runtime.ipc.child import Ending
+from srl.runtime.ipc.child import Ending
 ending = Ending()
 print(ending.asked, ending.orphan, flush=True)
 """
@@ -39,7 +39,7 @@ def test_a_signal_that_comes_before_the_handler_is_remembered(number: signal.Sig
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == set()
 
 
-@pytest.mark.parametrize("module", ["runtime.loop", "runtime.bus"])
+@pytest.mark.parametrize("module", ["srl.runtime.loop", "srl.runtime.bus"])
 def test_one_whose_supervisor_has_gone_says_why_it_does_not_begin(module: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", module, str(tmp_path), "0"], env=environment() | {PARENT: str(os.getppid())},

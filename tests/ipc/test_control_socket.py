@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.run_folder import RunFolder
 
 
 @pytest.fixture

@@ -15,16 +15,16 @@ import pytest
 from helpers import environment
 from helpers.recording import make_layout, make_rows, make_run
 
-from runtime.cli import main
-from runtime.contracts.errors import SrlError
-from runtime.ipc.channel import Channel
-from runtime.ipc.events import EventReader
-from runtime.ipc.launch import Launch
-from runtime.ipc.layout import Layout
-from runtime.ipc.requests import RequestReader, RequestWriter
-from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.stop_slots import StopSlots
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.ipc.channel import Channel
+from srl.runtime.ipc.events import EventReader
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import RequestReader, RequestWriter
+from srl.runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.stop_slots import StopSlots
 
 
 @pytest.fixture
@@ -176,7 +176,7 @@ def test_replay_of_a_layout_with_other_types(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", ["rows", "layout", "events"])
-@pytest.mark.parametrize("module", ["runtime.bus", "runtime.recorder"])
+@pytest.mark.parametrize("module", ["srl.runtime.bus", "srl.runtime.recorder"])
 def test_bus_and_recorder_refuse_damaged_files(run: RunFolder, module: str, file: str, tmp_path: Path) -> None:
     other_keys(getattr(run, file))
     more = ["--out", str(tmp_path / "x.rrd")] if module.endswith("recorder") else []
@@ -194,7 +194,7 @@ def test_the_loop_tells_its_supervisor_of_a_damaged_launch_file(run: RunFolder, 
     damage(run.launch)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     done = subprocess.run(
-        [sys.executable, "-m", "runtime.loop", str(run.path), str(theirs.fileno())], env=environment(),
+        [sys.executable, "-m", "srl.runtime.loop", str(run.path), str(theirs.fileno())], env=environment(),
         pass_fds=[theirs.fileno()], capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     theirs.close()

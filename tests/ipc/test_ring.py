@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.ring import RingReader, RingWriter
 
 
 def _row(k: int, width: int = 6) -> np.ndarray:

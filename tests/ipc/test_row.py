@@ -7,8 +7,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.ipc.layout import Layout
-from runtime.ipc.row import Row
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.row import Row
 
 _LARGEST = float(np.finfo(np.float32).max)
 _SMALLEST = float(np.finfo(np.float32).tiny)  # of full precision

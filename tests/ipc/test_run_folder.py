@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.run_folder import RunFolder
 
 OTHER = 12345  # a user's number
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.ipc.stop_slots import FRAMES, StopSlots
+from srl.runtime.ipc.stop_slots import FRAMES, StopSlots
 
 # As many as fit, each with its length in front.
 several = st.lists(st.binary(min_size=1, max_size=400), max_size=5).map(tuple)

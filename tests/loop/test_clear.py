@@ -12,13 +12,13 @@ import pytest
 from helpers.planar import PlanarClearance
 from helpers.toy import JOINTS, PROFILE, Bench, Law, Toy, ToyConfig
 
-from runtime.contracts import registry
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.errors import ProfileError, WiringError
-from runtime.contracts.signals import Kind, Signal
-from runtime.ipc.words import FLAG_HELD, State
-from runtime.loop import device as device_module
-from runtime.loop.replay import replay
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.errors import ProfileError, WiringError
+from srl.runtime.contracts.signals import Kind, Signal
+from srl.runtime.ipc.words import FLAG_HELD, State
+from srl.runtime.loop import device as device_module
+from srl.runtime.loop.replay import replay
 
 XY = ("x", "y")
 CLEAR = (

@@ -15,11 +15,11 @@ import pytest
 from helpers import environment
 from numpy.typing import NDArray
 
-from runtime.contracts.world import World, WorldConfig
-from runtime.loop import clock as clock_module
-from runtime.loop import realtime
-from runtime.loop.clock import SECOND, Clock, DeviceClock, MonotonicClock, SimClock
-from runtime.service import supervisor
+from srl.runtime.contracts.world import World, WorldConfig
+from srl.runtime.loop import clock as clock_module
+from srl.runtime.loop import realtime
+from srl.runtime.loop.clock import SECOND, Clock, DeviceClock, MonotonicClock, SimClock
+from srl.runtime.service import supervisor
 
 
 class Still(World):
@@ -185,7 +185,7 @@ def test_a_single_late_cycle_costs_no_sleep(monkeypatch: pytest.MonkeyPatch) -> 
 
 STUCK = """
 import os, sys
-from runtime.loop import realtime
+from srl.runtime.loop import realtime
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
 except PermissionError:
@@ -215,7 +215,7 @@ def test_a_loop_stuck_in_one_call_is_ended_by_the_kernel(what: str, code: int) -
 
 MUCH = """
 import gc, os, sys, time
-from runtime.loop import realtime
+from srl.runtime.loop import realtime
 much, took = [], 0.0
 while took < 0.1:  # s: what `enter` does before the first cycle takes longer than the limit below, on any machine
     much += [[] for _ in range(1_000_000)]

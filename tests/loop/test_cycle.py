@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from helpers.toy import SPEED, Bench, Toy, _load
 
-from runtime.contracts import registry
-from runtime.contracts.signals import Stop
-from runtime.ipc.requests import Answer
-from runtime.ipc.words import FLAG_DEGRADED, Cause, State
-from runtime.loop import device as device_module
-from runtime.loop.replay import replay
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc.requests import Answer
+from srl.runtime.ipc.words import FLAG_DEGRADED, Cause, State
+from srl.runtime.loop import device as device_module
+from srl.runtime.loop.replay import replay
 
 
 def test_a_stop_begins_in_the_cycle_of_its_fault(tmp_path: Path) -> None:

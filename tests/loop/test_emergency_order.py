@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from helpers.toy import BUTTONS, Bench
 
-from runtime.contracts.signals import Stop
-from runtime.ipc.words import Cause
-from runtime.loop.machine import Fault, Machine
-from runtime.profile.profile import EmergencyInput, Faults
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc.words import Cause
+from srl.runtime.loop.machine import Fault, Machine
+from srl.runtime.profile.profile import EmergencyInput, Faults
 
 INPUTS = [
     EmergencyInput(signal="panel.buttons", element=name, category=category)

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from helpers.toy import PERIOD, Bench
 
-from runtime.contracts.signals import Stop
-from runtime.ipc.words import State
-from runtime.loop.cycle import PATIENCE
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc.words import State
+from srl.runtime.loop.cycle import PATIENCE
 
 MOST = PATIENCE // PERIOD  # cycles
 ASKED = 30

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from helpers.toy import PROFILE, Bench, Law, Toy, ToyConfig, _load
 
-from runtime.contracts import registry
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POSE
-from runtime.contracts.transforms import Transform, frame
-from runtime.ipc.words import Cause, State
-from runtime.loop.replay import replay
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POSE
+from srl.runtime.contracts.transforms import Transform, frame
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.loop.replay import replay
 
 FRAMES = "frames: {room: {}, seen: {parent: room, pose: panel.pose}, tip: {parent: seen, position: [0.1, 0.0, 0.0]}}"
 

@@ -10,13 +10,13 @@ from helpers.edited import content
 from helpers.null_space_arm import Arm, calibrated
 from helpers.run import call, summary
 
-from drivers.cyberglove.protocol import LABELS_22
-from runtime.cli import main
-from runtime.contracts.errors import ProfileError, RecordingError
-from runtime.contracts.files import LARGEST, encoded
-from runtime.loop.replay import replay
-from runtime.profile import profile, wiring
-from runtime.recording.reader import read
+from srl.drivers.cyberglove.protocol import LABELS_22
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import ProfileError, RecordingError
+from srl.runtime.contracts.files import LARGEST, encoded
+from srl.runtime.loop.replay import replay
+from srl.runtime.profile import profile, wiring
+from srl.runtime.recording.reader import read
 
 # Fingers are taken for the arm: what the angles mean doesn't matter here, that they move does.
 PROFILE = """

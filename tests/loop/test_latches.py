@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from helpers.toy import Bench, _load
 
-from runtime.contracts import registry
-from runtime.ipc.latches import NONE, of_names
-from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.words import CYCLE, Cause, Latch, Origin, State
-from runtime.loop.replay import replay
+from srl.runtime.contracts import registry
+from srl.runtime.ipc.latches import NONE, of_names
+from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter
+from srl.runtime.ipc.words import CYCLE, Cause, Latch, Origin, State
+from srl.runtime.loop.replay import replay
 
 MOVING = (State.HOMING, State.ACTIVE)
 EVER = 1 << 62  # ns: never expires

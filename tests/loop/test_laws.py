@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from helpers.toy import SPEED, Bench, Law, _load
 
-from runtime.contracts import registry
-from runtime.ipc.words import Cause, State
-from runtime.loop.replay import replay
+from srl.runtime.contracts import registry
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.loop.replay import replay
 
 
 @pytest.mark.parametrize(

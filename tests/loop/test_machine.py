@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Stop
-from runtime.ipc import latches
-from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import Cause, Latch, Origin, State
-from runtime.loop.machine import Fault, Ladder, Machine
-from runtime.profile.profile import EmergencyInput, Faults
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.requests import Answer, RequestKind
+from srl.runtime.ipc.words import Cause, Latch, Origin, State
+from srl.runtime.loop.machine import Fault, Ladder, Machine
+from srl.runtime.profile.profile import EmergencyInput, Faults
 
 EMERGENCY = [EmergencyInput(signal="panel.buttons", category=Stop.LIMP)]
 

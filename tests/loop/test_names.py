@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers.toy import JOINTS, Bench, Law, Toy, ToyConfig, _load
 
-from runtime.contracts import registry
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.errors import RecordingError
-from runtime.loop.replay import replay
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.loop.replay import replay
 
 TURNED = JOINTS[::-1]
 

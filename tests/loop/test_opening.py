@@ -10,14 +10,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from runtime.contracts.driver import DeviceConfig, Driver
-from runtime.contracts.signals import Stop
-from runtime.contracts.world import Fake
-from runtime.ipc.launch import Launch
-from runtime.ipc.words import DEVICE, LINK_ERROR
-from runtime.loop import process as process_module
-from runtime.loop.device import Device
-from runtime.loop.process import Process
+from srl.runtime.contracts.driver import DeviceConfig, Driver
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.contracts.world import Fake
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.words import DEVICE, LINK_ERROR
+from srl.runtime.loop import process as process_module
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.process import Process
 
 
 class Counted(Driver):

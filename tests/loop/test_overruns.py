@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from helpers.toy import Bench
 
-from runtime.ipc.requests import Answer
-from runtime.ipc.words import State
+from srl.runtime.ipc.requests import Answer
+from srl.runtime.ipc.words import State
 
 
 def test_overruns_that_would_stop_the_limb_again_refuse_a_reset(tmp_path: Path) -> None:

@@ -6,10 +6,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from runtime.contracts.driver import Driver, Health
-from runtime.contracts.signals import Signal
-from runtime.ipc.words import DEVICE
-from runtime.loop.device import Device
+from srl.runtime.contracts.driver import Driver, Health
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.ipc.words import DEVICE
+from srl.runtime.loop.device import Device
 
 DAYS = 10**15  # ns
 

@@ -21,12 +21,12 @@ from helpers import toy
 from helpers.toy import PERIOD, wired
 from helpers.wait import until
 
-from runtime.ipc.control_socket import LIFETIME, NOTES, send_note, send_request
-from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import DEVICE, Cause, Latch, Origin, State
-from runtime.loop.control_end import ControlEnd
-from runtime.loop.request_queue import PendingRequest, RequestQueue
+from srl.runtime.ipc.control_socket import LIFETIME, NOTES, send_note, send_request
+from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import DEVICE, Cause, Latch, Origin, State
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.loop.request_queue import PendingRequest, RequestQueue
 
 
 class Desk:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from helpers.toy import Bench, _load
 
-from runtime.contracts import registry
-from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.words import CYCLE, Latch, Origin, State
-from runtime.loop import device as device_module
-from runtime.loop.replay import replay
+from srl.runtime.contracts import registry
+from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter
+from srl.runtime.ipc.words import CYCLE, Latch, Origin, State
+from srl.runtime.loop import device as device_module
+from srl.runtime.loop.replay import replay
 
 RESET = "reset: {inputs: [{signal: panel.buttons, element: third}]}"
 

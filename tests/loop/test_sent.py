@@ -11,17 +11,17 @@ import pytest
 from helpers import toy
 from helpers.toy import JOINTS, PROFILE, SPEED, Bench, Law, Toy, ToyConfig, _load
 
-from runtime.contracts import registry
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Command, Kind, Signal, Stop
-from runtime.guard import TorqueGuard
-from runtime.ipc.words import FLAG_RESEATED, Cause, State
-from runtime.loop import device as device_module
-from runtime.loop.cycle import Cycle
-from runtime.loop.guards import limits_of
-from runtime.loop.replay import perturbed, replay
-from runtime.profile import profile, wiring
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
+from srl.runtime.guard import TorqueGuard
+from srl.runtime.ipc.words import FLAG_RESEATED, Cause, State
+from srl.runtime.loop import device as device_module
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.loop.replay import perturbed, replay
+from srl.runtime.profile import profile, wiring
 
 
 def _follow(b: Bench, stalls: tuple[int, int], k: int) -> None:

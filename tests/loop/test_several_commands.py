@@ -11,11 +11,11 @@ import pytest
 from helpers import toy
 from helpers.toy import JOINTS, PROFILE, Bench, Law, Toy, ToyConfig
 
-from runtime.contracts import registry
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.signals import Command, Kind, Signal, Stop
-from runtime.ipc.words import Cause, State
-from runtime.loop import device as device_module
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.loop import device as device_module
 
 
 def both(outputs: str, limits: str) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Command, Kind, Limits, Stop
-from runtime.guard import GUARDS
-from runtime.testing.lab import Lab
+from srl.runtime.contracts.signals import Command, Kind, Limits, Stop
+from srl.runtime.guard import GUARDS
+from srl.runtime.testing.lab import Lab
 
 DT = 0.002
 

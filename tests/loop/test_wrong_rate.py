@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from helpers.toy import wired
 
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.signals import Array
-from runtime.loop.device import Device
-from runtime.loop.guards import limits_of
-from runtime.testing.lab import Lab
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.loop.device import Device
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.testing.lab import Lab
 
 
 class Wrong:

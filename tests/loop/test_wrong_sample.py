@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array
-from runtime.guard.samples import AGREE
-from runtime.ipc.words import DEVICE
-from runtime.testing.lab import Lab
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.guard.samples import AGREE
+from srl.runtime.ipc.words import DEVICE
+from srl.runtime.testing.lab import Lab
 
 ACTIVE, STOPPED = 40, 30  # cycles
 # By profile, the commands that are looked at, and by how much they may differ from those of a run without the sample.

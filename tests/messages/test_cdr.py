@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from runtime.contracts.errors import RequestError
-from runtime.messages import cdr
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.messages import cdr
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=("Cs",)), max_size=20)

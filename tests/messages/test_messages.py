@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
-from runtime.contracts.errors import RequestError
-from runtime.contracts.field import Field
-from runtime.messages import cdr, messages
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.field import Field
+from srl.runtime.messages import cdr, messages
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 STAMP = 1_700_000_000_250_000_000

@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 from pydantic import ValidationError
 
-from runtime.control.ikns.body import Body, average
-from runtime.control.models import BodyModel
+from srl.runtime.models.body import Body, average
+from srl.runtime.models.models import BodyModel
 
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 BODY = BodyModel(stature=1.82, lengths={"upper_arm": 0.30, "right_forearm": 0.27}).body

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from runtime.cli import main
-from runtime.control.hand.hand_kinematics import HandKinematicsConfig
-from runtime.control.hand.human_hand import MODEL_LENGTH, hand_geometry
-from runtime.control.hand.object_mapping import ObjectMappingConfig
-from runtime.control.hand.point_series import PointSeries
-from runtime.control.models import FingerModel, HandModel, context
-from runtime.profile import profile, wiring
+from srl.control.hand.hand_kinematics import HandKinematicsConfig
+from srl.control.hand.object_mapping import ObjectMappingConfig
+from srl.control.hand.point_series import PointSeries
+from srl.runtime.cli import main
+from srl.runtime.models.human_hand import MODEL_LENGTH, hand_geometry
+from srl.runtime.models.models import FingerModel, HandModel, context
+from srl.runtime.profile import profile, wiring
 
 
 def law(name: str, models: str, *overrides: str, **options: str) -> object:

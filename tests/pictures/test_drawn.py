@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts.linkage import Link, Linkage, Solid
-from runtime.contracts.signals import Array
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
-from runtime.recording.link_capsules import link_capsules
-from runtime.recording.robots import StandingRobots
-from runtime.recording.solids import Solids
+from srl.runtime.contracts.linkage import Link, Linkage, Solid
+from srl.runtime.contracts.signals import Array
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
+from srl.runtime.recording.link_capsules import link_capsules
+from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.solids import Solids
 
 
 def moved(name: str, seconds: float, *overrides: str) -> Graph:

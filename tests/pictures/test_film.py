@@ -11,9 +11,9 @@ from helpers.body_run import body_file
 from helpers.run import refused
 from PIL import Image
 
-from runtime.cli import main
-from runtime.recorder import film
-from runtime.recording.shapes import RAMP
+from srl.runtime.cli import main
+from srl.runtime.pictures import film
+from srl.runtime.recording.shapes import RAMP
 
 
 @pytest.fixture(scope="module")

@@ -12,13 +12,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from runtime.cli import main
-from runtime.contracts.rotation import Pose
-from runtime.loop.guards import limits_of
-from runtime.profile import profile, shelf, wiring
-from runtime.profile.overview import overview
-from runtime.recorder import frames_picture, wiring_picture
-from runtime.recorder.wiring_picture import Wiring, laid_out
+from srl.runtime.cli import main
+from srl.runtime.contracts.rotation import Pose
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.overview.overview import overview
+from srl.runtime.pictures import frames_picture, wiring_picture
+from srl.runtime.pictures.wiring_picture import Wiring, laid_out
+from srl.runtime.profile import profile, shelf, wiring
 
 
 @cache

@@ -11,11 +11,11 @@ import pytest
 from helpers.body_run import GROUPS, TREE, body_layout, body_rows
 from matplotlib.figure import Figure
 
-from runtime.contracts.errors import RecordingError
-from runtime.control.skeleton import bvh
-from runtime.recorder.bvh_page import ACROSS, draw_page, excerpt
-from runtime.recorder.node_tree import draw_tree
-from runtime.recording.reader import Recording
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.models.skeleton import bvh
+from srl.runtime.pictures.bvh_page import ACROSS, draw_page, excerpt
+from srl.runtime.pictures.node_tree import draw_tree
+from srl.runtime.recording.reader import Recording
 
 ARM = [name for name, group in zip(TREE.names, GROUPS, strict=True) if group == "right SRL"]
 

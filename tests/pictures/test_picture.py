@@ -11,15 +11,15 @@ import pytest
 from helpers.body_run import CAPSULES, GROUPS, TREE, body_layout, body_rows
 from helpers.drawn import Drawn
 
-from runtime.contracts.field import Field
-from runtime.contracts.rotation import matrices
-from runtime.ipc.layout import Layout
-from runtime.recorder import blueprint
-from runtime.recorder.capsules import capsule_columns
-from runtime.recorder.eye import look
-from runtime.recorder.stream import Stream
-from runtime.recording.reader import read
-from runtime.recording.shapes import distance_colors, visuals
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.rotation import matrices
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.pictures.eye import look
+from srl.runtime.recorder import blueprint
+from srl.runtime.recorder.capsules import capsule_columns
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.shapes import distance_colors, visuals
 
 COUNT = 400
 

@@ -11,17 +11,17 @@ import pytest
 import rerun as rr
 from helpers.urdf import URDF, write_urdf
 
-from runtime.contracts.rotation import homogeneous, matrices
-from runtime.contracts.signals import Array
-from runtime.control.robots import PANDA, SUMMIT_XL, UR16E
-from runtime.control.robots.pinocchio_model import mobile_model, pinocchio_model
-from runtime.ipc.layout import Layout, Words
-from runtime.profile import profile, wiring
-from runtime.recorder import blueprint
-from runtime.recorder.scene import VIEW_RATE
-from runtime.recorder.stream import Stream
-from runtime.recording.reader import read
-from runtime.recording.shapes import Placing
+from srl.runtime.contracts.rotation import homogeneous, matrices
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.models.robots import PANDA, SUMMIT_XL, UR16E
+from srl.runtime.models.robots.pinocchio_model import mobile_model, pinocchio_model
+from srl.runtime.profile import profile, wiring
+from srl.runtime.recorder import blueprint
+from srl.runtime.recorder.scene import VIEW_RATE
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.shapes import Placing
 
 
 def layout_of(text: str, folder: Path) -> Layout:

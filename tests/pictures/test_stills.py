@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from runtime.cli import main
-from runtime.contracts.errors import RecordingError
-from runtime.recorder import stills
-from runtime.recorder.naming import write_names
-from runtime.recording.reader import Recording, read
-from runtime.recording.shapes import distance_colors
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.pictures import stills
+from srl.runtime.pictures.naming import write_names
+from srl.runtime.recording.reader import Recording, read
+from srl.runtime.recording.shapes import distance_colors
 
 
 @pytest.fixture(scope="module")

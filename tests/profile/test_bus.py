@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from runtime.profile.bus import BusConfig
+from srl.runtime.profile.bus import BusConfig
 
 TLS = {"ca": "/etc/srl/ca.pem", "certificate": "/etc/srl/c.pem", "key": "/etc/srl/k.pem"}
 

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 from helpers.toy import PROFILE, Law, Toy, ToyConfig
 
-from drivers.canbus import frame_bits
-from runtime.contracts import registry
-from runtime.contracts.driver import Traffic
-from runtime.contracts.errors import WiringError
-from runtime.profile import buses, profile, wiring
-from runtime.profile.builder import Builder
-from runtime.profile.graph import Graph
+from srl.drivers.canbus import frame_bits
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Traffic
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.profile import buses, profile, wiring
+from srl.runtime.profile.builder import Builder
+from srl.runtime.profile.graph import Graph
 
 SEVEN = 7 * 2 * frame_bits(8)  # seven motors: a command and a reply each
 

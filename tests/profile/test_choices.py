@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from helpers.run import call
 
-from runtime.cli import main
-from runtime.contracts.errors import ProfileError
-from runtime.profile import profile, wiring
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.profile import profile, wiring
 
 BOARD = "{driver: firmata, port: /dev/ttyACM0, servos: {knuckle: {pin: 9, lower: -0.8, upper: 0.8, home: 0.0}}}"
 TEXT = f"""name: two-ways

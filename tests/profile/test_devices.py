@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from helpers.toy import PROFILE, Law, Toy, ToyConfig
 
-from runtime.contracts import registry
-from runtime.contracts.driver import Sensor
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Limits, Signal
-from runtime.loop.guards import limits_of
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Limits, Signal
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 
 def build(monkeypatch: pytest.MonkeyPatch, **declared: Any) -> Graph:

@@ -9,11 +9,11 @@ import pytest
 from helpers import ROOT
 from helpers.run import call
 
-from runtime.cli import main
-from runtime.contracts.errors import ProfileError, WiringError
-from runtime.control import models
-from runtime.control.ikns import record
-from runtime.profile import profile, shelf, wiring
+from srl.control.ikns import record
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import ProfileError, WiringError
+from srl.runtime.models import models
+from srl.runtime.profile import profile, shelf, wiring
 
 
 @pytest.mark.parametrize("name", shelf.shipped())

@@ -6,10 +6,10 @@ import difflib
 
 import pytest
 
-from runtime.contracts.errors import ProfileError
-from runtime.profile import profile, shelf
-from runtime.profile.edit import as_yaml, edited
-from runtime.profile.overrides import value
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.profile import profile, shelf
+from srl.runtime.profile.edit import as_yaml, edited
+from srl.runtime.profile.overrides import value
 
 TEXT = """\
 # of the whole

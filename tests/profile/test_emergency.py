@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from helpers.toy import wired
 
-from runtime.contracts.errors import WiringError
-from runtime.profile import profile, wiring
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.profile import profile, wiring
 
 
 @pytest.mark.parametrize("signal", ["arm.command", "arm.command.applied", "arm.command.sent"])

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.contracts.errors import ProfileError
-from runtime.profile.keys import Keys, check, slug
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.profile.keys import Keys, check, slug
 
 
 def test_keys_of_an_instance() -> None:

@@ -12,13 +12,13 @@ import pytest
 from helpers.names import build, command, foreign, joints, named, read, write
 from helpers.worn_arm import impedance, worn
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Kind, Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST
-from runtime.profile import profile, shelf, wiring
-from runtime.profile.connections import connections, untaken
-from runtime.profile.names import link
-from runtime.testing.lab import Lab
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Kind, Signal
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST
+from srl.runtime.profile import profile, shelf, wiring
+from srl.runtime.profile.connections import connections, untaken
+from srl.runtime.profile.names import link
+from srl.runtime.testing.lab import Lab
 
 SERVOS = ("abduction", "flexion_1", "flexion_2", "flexion_3")
 BUTTONS = ("A", "M", "G", "P")

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Array
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
 from srl.testing import Simulated, simulate
 
 SERVOS = ("abduction", "flexion_1", "flexion_2", "flexion_3")

@@ -12,13 +12,11 @@ import pytest
 from helpers.run import refused
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-import drivers
-import runtime
-import sim
-from runtime.contracts.errors import OptionError
-from runtime.guard.limits import GuardLimits
-from runtime.profile.guard_entry import ClearEntry
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.guard.limits import GuardLimits
+from srl.runtime.profile.guard_entry import ClearEntry
 
+PACKAGES = tuple(f"srl.{name}" for name in ("runtime", "control", "commissioning", "drivers", "sim"))
 GIVEN = "guard.finger.position_command"
 JOINTS = "{abduction: 1.0, flexion_1: 1.0, flexion_2: 1.0, flexion_3: true}"
 
@@ -67,8 +65,8 @@ def test_a_clearance_takes_none(name: str) -> None:
 
 def models() -> Iterator[type[BaseModel]]:
     """All models of options, records and files."""
-    for package in (runtime, drivers, sim):
-        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+    for name in PACKAGES:
+        for module in pkgutil.walk_packages(importlib.import_module(name).__path__, f"{name}."):
             if not module.name.endswith("__main__"):
                 importlib.import_module(module.name)
     waiting, known = [BaseModel], set[type[BaseModel]]()
@@ -77,7 +75,7 @@ def models() -> Iterator[type[BaseModel]]:
             if model not in known:
                 known.add(model)
                 waiting.append(model)
-                if model.__module__.split(".")[0] in ("runtime", "drivers", "sim") and not inspect.isabstract(model):
+                if model.__module__.startswith(PACKAGES) and not inspect.isabstract(model):
                     yield model
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.cli import main
-from runtime.loop.guards import limits_of
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.runtime.cli import main
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 HOME = ("shoulder_pan 0", "shoulder_lift -1", "elbow 1", "wrist_1 -0.5", "wrist_2 -1.5", "wrist_3 0.2")
 # What profiles give as lists, and what each value is for.

@@ -12,15 +12,15 @@ from matplotlib import image
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import RecordingError, WiringError
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import Cause, State
-from runtime.profile import profile, wiring
-from runtime.profile.plots import Plot, command_plots, joint_plots, series_names
-from runtime.recorder import figure
-from runtime.recorder.eye import look
-from runtime.recording.reader import Recording
-from runtime.recording.shapes import visuals
+from srl.runtime.contracts.errors import RecordingError, WiringError
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.pictures import figure
+from srl.runtime.pictures.eye import look
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.plots import Plot, command_plots, joint_plots, series_names
+from srl.runtime.recording.reader import Recording
+from srl.runtime.recording.shapes import visuals
 
 
 def test_lines_pick_elements_and_distances_are_euclidean() -> None:

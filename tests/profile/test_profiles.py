@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from runtime.cli import main
-from runtime.profile import profile, wiring
+from srl.runtime.cli import main
+from srl.runtime.profile import profile, wiring
 
 PROFILES = sorted(path.stem for path in (Path(__file__).parents[2] / "profiles").glob("*.yaml"))
 WORDS = [

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from helpers.toy import Toy, wired
 
-from drivers.replay.driver import Replay
-from drivers.zenoh.driver import Zenoh
-from runtime.contracts.errors import WiringError
-from runtime.profile import profile, wiring
+from srl.drivers.replay.driver import Replay
+from srl.drivers.zenoh.driver import Zenoh
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.profile import profile, wiring
 
 
 @pytest.mark.parametrize("driver", [Zenoh, Replay])

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from runtime.profile.profile import find, load
+from srl.runtime.profile.profile import find, load
 from srl.testing import Lab
 
 # By angles (rad): where the gripper's frame is (m), and the torques that gravity asks (N m), by Pinocchio from the

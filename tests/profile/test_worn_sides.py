@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from runtime.contracts.errors import WiringError
-from runtime.profile import profile, wiring
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.profile import profile, wiring
 
 RIGHT, LEFT = "guard.right.position_command.clear", "guard.left.position_command.clear"
 # Without the law `skeleton`, which the profile's frame for pictures reads.

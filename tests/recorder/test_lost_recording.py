@@ -15,12 +15,12 @@ from helpers.run import Running
 from helpers.segments import expected
 from helpers.wait import until
 
-from runtime.recorder import process
-from runtime.recorder.process import Recorder
-from runtime.recording import segments
-from runtime.recording.reader import read
-from runtime.recording.segments import folder_of, numbered
-from runtime.service.helpers import ATTEMPTS
+from srl.runtime.recorder import process
+from srl.runtime.recorder.process import Recorder
+from srl.runtime.recording import segments
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.segments import folder_of, numbered
+from srl.runtime.service.helpers import ATTEMPTS
 
 AT_ONCE = 1e9  # rows/s
 

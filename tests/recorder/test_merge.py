@@ -17,16 +17,16 @@ from helpers.segments import expected, make_segments
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.events import Event, Level
-from runtime.recorder import stream
-from runtime.recorder.merge import Merger
-from runtime.recorder.process import Recorder
-from runtime.recorder.stream import Stream
-from runtime.recording.framing import HEADER, whole
-from runtime.recording.reader import read
-from runtime.recording.segments import check_target, claim, folder_of, listed, numbered
-from runtime.recording.source import Source
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.events import Event, Level
+from srl.runtime.recorder import stream
+from srl.runtime.recorder.merge import Merger
+from srl.runtime.recorder.process import Recorder
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recording.framing import HEADER, whole
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.segments import check_target, claim, folder_of, listed, numbered
+from srl.runtime.recording.source import Source
 
 
 def test_segments_cut_anywhere_give_a_prefix_bit_for_bit(tmp_path: Path) -> None:

@@ -18,14 +18,14 @@ from helpers.segments import expected, make_segments
 from helpers.small_disk import small_disk
 from helpers.wait import until
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.ring import RingReader
-from runtime.recorder import __main__ as command
-from runtime.recorder import process
-from runtime.recorder.merge import Merger
-from runtime.recorder.process import FINAL, Recorder
-from runtime.recording.reader import read
-from runtime.recording.segments import folder_of, numbered
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.recorder import __main__ as command
+from srl.runtime.recorder import process
+from srl.runtime.recorder.merge import Merger
+from srl.runtime.recorder.process import FINAL, Recorder
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.segments import folder_of, numbered
 
 START = 120.0  # s that a recorder may take to begin on a busy machine
 
@@ -39,7 +39,7 @@ def start_writer(folder: Path, rows: int, rate: float, extra: int = 40) -> subpr
 
 
 def start_recorder(folder: Path, out: Path, *more: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "runtime.recorder", str(folder), "--out", str(out), *more]
+    command = [sys.executable, "-m", "srl.runtime.recorder", str(folder), "--out", str(out), *more]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
@@ -204,7 +204,7 @@ def test_wrong_arguments_and_an_absent_run_are_refused(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["runtime.recorder", str(tmp_path), *arguments])
+    monkeypatch.setattr(sys, "argv", ["srl.runtime.recorder", str(tmp_path), *arguments])
     monkeypatch.setattr(command, "Ending", lambda **_: None)  # it would be this process's
     try:
         code = command.main()

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from runtime.recording.blocks import MOST, kin, pack, unpack
+from srl.runtime.recording.blocks import MOST, kin, pack, unpack
 
 WORDS = st.one_of(
     st.integers(-(2**63), 2**63 - 1),

@@ -13,13 +13,13 @@ import rerun as rr
 from helpers.recording import make_layout, make_rows
 from ruamel.yaml import YAML
 
-from runtime.cli import main
-from runtime.ipc.layout import _FIRST_CYCLE, _FIRST_DEVICE, Layout
-from runtime.ipc.ring import RingWriter
-from runtime.profile import profile
-from runtime.recorder.figure import draw
-from runtime.recording.columns import ArrowBatch, Assembler, Columns
-from runtime.recording.reader import read
+from srl.runtime.cli import main
+from srl.runtime.ipc.layout import _FIRST_CYCLE, _FIRST_DEVICE, Layout
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.pictures.figure import draw
+from srl.runtime.profile import profile
+from srl.runtime.recording.columns import ArrowBatch, Assembler, Columns
+from srl.runtime.recording.reader import read
 from srl.testing import simulate
 
 

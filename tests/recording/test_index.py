@@ -13,14 +13,14 @@ import pytest
 from helpers.recording import make_layout, make_rows
 from helpers.segments import make_segments
 
-from runtime.cli import main
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.files import encoded
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import Cause, State
-from runtime.recorder.stream import Stream
-from runtime.recording import index
-from runtime.recording.summary import Summary, persons, summarize
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.files import encoded
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recording import index
+from srl.runtime.recording.summary import Summary, persons, summarize
 
 
 def save(path: Path, person: str = "", cause: Cause = Cause.END, rows: int = 50, name: str = "made-up") -> Layout:

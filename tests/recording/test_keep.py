@@ -15,16 +15,16 @@ from helpers.recording import make_layout, make_rows, make_run
 from helpers.segments import make_segments
 from helpers.small_disk import small_disk
 
-from runtime.cli import main
-from runtime.cli.run import PICTURES
-from runtime.export.formats import ENDINGS
-from runtime.loop.control_end import ControlEnd
-from runtime.recorder.process import Recorder
-from runtime.recorder.stream import Stream
-from runtime.recording import keep
-from runtime.recording.index import MADE_OF, Entry
-from runtime.recording.keep import LEDGER, Keep, make_room
-from runtime.recording.segments import folder_of
+from srl.runtime.cli import main
+from srl.runtime.cli.run import PICTURES
+from srl.runtime.export.formats import ENDINGS
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.recorder.process import Recorder
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recording import keep
+from srl.runtime.recording.index import MADE_OF, Entry
+from srl.runtime.recording.keep import LEDGER, Keep, make_room
+from srl.runtime.recording.segments import folder_of
 
 DAY = 86400.0
 Save = Callable[..., Path]

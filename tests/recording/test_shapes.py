@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.contracts.rotation import from_z, matrices
-from runtime.contracts.signals import Signal
-from runtime.ipc.layout import Layout
-from runtime.recording.shapes import RAMP, UNKNOWN, color_numbers, distance_colors, visuals
-from runtime.recording.solids import GAP, Solids
+from srl.runtime.contracts.rotation import from_z, matrices
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.shapes import RAMP, UNKNOWN, color_numbers, distance_colors, visuals
+from srl.runtime.recording.solids import GAP, Solids
 
 UNIT = st.floats(-1.0, 1.0)
 

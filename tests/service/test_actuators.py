@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from runtime.ipc.stop_slots import StopSlots
-from runtime.service import actuators
-from runtime.service.actuators import Actuators
+from srl.runtime.ipc.stop_slots import StopSlots
+from srl.runtime.service import actuators
+from srl.runtime.service.actuators import Actuators
 
 FRAMES = tuple(bytes([i]) * 16 for i in range(1, 8))  # seven motors, each a frame as long as SocketCAN's
 

@@ -25,11 +25,11 @@ from helpers import ROOT
 from helpers.run import Running, environment, srl
 
 from bench import bus_age
-from runtime.ipc.words import State
-from runtime.loop import realtime
-from runtime.recording.reader import read
-from runtime.service import supervisor
-from runtime.service.helpers import FINISH
+from srl.runtime.ipc.words import State
+from srl.runtime.loop import realtime
+from srl.runtime.recording.reader import read
+from srl.runtime.service import supervisor
+from srl.runtime.service.helpers import FINISH
 
 DEPLOY = ROOT / "deploy"
 UNIT = DEPLOY / "srl@.service"
@@ -296,7 +296,7 @@ for forbidden in (lambda: os.chown(".", -1, -1), lambda: os.chroot("/"),
     except PermissionError:
         refused += 1
 print("refused", refused, flush=True)
-os.execv(sys.executable, [sys.executable, "-m", "runtime", *sys.argv[1:]])
+os.execv(sys.executable, [sys.executable, "-m", "srl", *sys.argv[1:]])
 """
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from helpers.wait import until
 
-from runtime.service.dying import Dying
+from srl.runtime.service.dying import Dying
 
 
 def test_a_killed_process_is_seen_until_it_is_reaped_and_after() -> None:

@@ -12,8 +12,8 @@ import pytest
 from helpers.run import environment, srl
 from helpers.wait import until
 
-from runtime.ipc.run_folder import RunFolder
-from runtime.service.end_signals import SIGNALS, EndSignals
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.service.end_signals import SIGNALS, EndSignals
 
 
 @pytest.fixture(autouse=True)

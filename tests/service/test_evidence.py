@@ -12,12 +12,12 @@ from helpers.recording import make_layout, make_rows, make_run
 from helpers.run import Running, call
 from helpers.wait import until
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.launch import Launch
-from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.recording.reader import read
-from runtime.service.evidence import rescue, save
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.launch import Launch
+from srl.runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.recording.reader import read
+from srl.runtime.service.evidence import rescue, save
 
 
 @pytest.fixture

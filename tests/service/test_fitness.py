@@ -23,16 +23,16 @@ from cryptography import x509
 from helpers import ROOT
 from helpers.run import call, environment, srl
 
-from runtime import __version__
-from runtime.bus import certificates
-from runtime.bus.certificate_doubts import doubts
-from runtime.bus.certificates import authority, sign
-from runtime.cli import main
-from runtime.contracts import compiled
-from runtime.contracts.tls import TlsConfig
-from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.service.fitness import can, processor, storage
+from srl.runtime import __version__
+from srl.runtime.bus import certificates
+from srl.runtime.bus.certificate_doubts import doubts
+from srl.runtime.bus.certificates import authority, sign
+from srl.runtime.cli import main
+from srl.runtime.contracts import compiled
+from srl.runtime.contracts.tls import TlsConfig
+from srl.runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.service.fitness import can, processor, storage
 
 SOMEBODY = 12345  # a user's number
 PROFILE = """

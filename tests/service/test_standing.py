@@ -13,11 +13,11 @@ import pytest
 from helpers.run import Running, call
 from helpers.wait import until
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.latches import NONE, names
-from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.words import CYCLE, Latch
-from runtime.service.standing import Standing
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.latches import NONE, names
+from srl.runtime.ipc.ring import RingReader, RingWriter
+from srl.runtime.ipc.words import CYCLE, Latch
+from srl.runtime.service.standing import Standing
 
 
 class Host:

@@ -17,11 +17,11 @@ from helpers.loop_double import LoopDouble
 from helpers.run import alive
 from helpers.wait import until
 
-from runtime.loop import realtime
-from runtime.loop.control_end import ControlEnd
-from runtime.recording.reader import read
-from runtime.service import supervisor as service
-from runtime.service.helpers import Helper
+from srl.runtime.loop import realtime
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.recording.reader import read
+from srl.runtime.service import supervisor as service
+from srl.runtime.service.helpers import Helper
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from runtime.contracts.signals import Array
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from runtime.profile.connections import transforms
-from sim.world.cell import Cell
+from srl.runtime.contracts.signals import Array
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.connections import transforms
+from srl.sim.world.cell import Cell
 
 
 def run(name: str, *overrides: str, seconds: float = 0.5) -> Lockstep:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from runtime.contracts.errors import ProfileError, WiringError
-from runtime.profile import profile, wiring
+from srl.runtime.contracts.errors import ProfileError, WiringError
+from srl.runtime.profile import profile, wiring
 from srl.testing import simulate
 
 TWO_BOARDS = """

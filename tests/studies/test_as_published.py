@@ -6,12 +6,12 @@ from importlib.resources import files
 
 import pytest
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.control.cobot.admittance import AdmittanceConfig
-from runtime.control.cobot.kairos_clik import KairosClikConfig
-from runtime.control.cobot.moca_impedance import MocaImpedanceConfig
-from studies.simulated import controllers
-from studies.superman.as_published import OFF, WATCH, as_published
+from srl.control.cobot.admittance import AdmittanceConfig
+from srl.control.cobot.kairos_clik import KairosClikConfig
+from srl.control.cobot.moca_impedance import MocaImpedanceConfig
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.studies.simulated import controllers
+from srl.studies.superman.as_published import OFF, WATCH, as_published
 
 # Options with a counterpart in the paper or in the robot, by law; how additions work is part of the addition.
 PAPER = {

@@ -11,25 +11,25 @@ import pytest
 from helpers import ROOT
 from helpers.run import refused
 
-from drivers.cyberglove.driver import CyberGlove
-from runtime.cli import main
-from runtime.contracts import registry
-from runtime.contracts.signals import Command, Kind, Limits
-from runtime.guard import GUARDS
-from runtime.guard.base import CommandGuard
-from runtime.guard.position import PositionGuard
-from runtime.ipc.requests import Request, RequestKind
-from runtime.ipc.words import Origin, State
-from runtime.loop.cycle import Cycle
-from runtime.loop.fault_finder import FaultFinder
-from runtime.testing.faults import FAULTS
-from studies.faults import live_run, process_trial, study, wire_trial
-from studies.faults.device_faults import JUMPS, KINDS, LATE
-from studies.faults.device_trial import trial
-from studies.faults.process_faults import FAULTS as PROCESS
-from studies.faults.steps import Sent, shares
-from studies.result import Result
-from studies.tasks.task import Row, TrialTask, flat
+from srl.drivers.cyberglove.driver import CyberGlove
+from srl.runtime.cli import main
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.signals import Command, Kind, Limits
+from srl.runtime.guard import GUARDS
+from srl.runtime.guard.base import CommandGuard
+from srl.runtime.guard.position import PositionGuard
+from srl.runtime.ipc.requests import Request, RequestKind
+from srl.runtime.ipc.words import Origin, State
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.fault_finder import FaultFinder
+from srl.runtime.testing.faults import FAULTS
+from srl.studies.faults import live_run, process_trial, study, wire_trial
+from srl.studies.faults.device_faults import JUMPS, KINDS, LATE
+from srl.studies.faults.device_trial import trial
+from srl.studies.faults.process_faults import FAULTS as PROCESS
+from srl.studies.faults.steps import Sent, shares
+from srl.studies.result import Result
+from srl.studies.tasks.task import Row, TrialTask, flat
 
 
 def run(profile: str, device: str, fault: str, seed: int = 1) -> dict[str, Any]:
@@ -237,7 +237,9 @@ def test_a_real_run_does_what_is_expected(fault: str) -> None:
     assert found["recorded"]
 
 
-PATIENT = "import runtime.service.supervisor as s; s.HUNG = 3_000_000_000; from runtime.cli import main; import sys; "
+PATIENT = (
+    "import srl.runtime.service.supervisor as s; s.HUNG = 3_000_000_000; from srl.runtime.cli import main; import sys; "
+)
 """A supervisor that waits for three seconds before it takes a loop for hung."""
 
 

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Array
-from runtime.control.models import FingerModel
-from runtime.profile import profile
-from studies.grasp import applications, applications_rig, bottle_trial, starts
-from studies.grasp.applications_analysis import Asked, compared, records, table, verdicts
-from studies.grasp.applications_rig import Rig
-from studies.grasp.bottle_trial import TURN, unscrew
-from studies.grasp.closing import CLOSINGS
-from studies.grasp.closing_person import ClosingPerson
-from studies.grasp.door_trial import press
-from studies.grasp.lifting_trial import Draw, lift
-from studies.tasks.task import Row, TrialTask
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.models import FingerModel
+from srl.runtime.profile import profile
+from srl.studies.grasp import applications, applications_rig, bottle_trial, starts
+from srl.studies.grasp.applications_analysis import Asked, compared, records, table, verdicts
+from srl.studies.grasp.applications_rig import Rig
+from srl.studies.grasp.bottle_trial import TURN, unscrew
+from srl.studies.grasp.closing import CLOSINGS
+from srl.studies.grasp.closing_person import ClosingPerson
+from srl.studies.grasp.door_trial import press
+from srl.studies.grasp.lifting_trial import Draw, lift
+from srl.studies.tasks.task import Row, TrialTask
 
 TEXT = profile.find(applications.PROFILE)[1]
 
@@ -107,7 +107,7 @@ def test_every_scene_has_starts_within_the_fingers_range(scene: str) -> None:
 
 @pytest.mark.slow
 def test_candidates_are_clear_of_the_object() -> None:
-    from studies.grasp.things import Thing
+    from srl.studies.grasp.things import Thing
 
     poses = starts.candidates(Thing("cube", 0.09), 4, 0)
     assert [pose["distal"] for pose in poses] == list(starts.DISTAL)

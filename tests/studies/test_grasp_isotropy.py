@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS, RANGES
-from runtime.profile import profile
-from studies.grasp import isotropy
-from studies.grasp.cell import PARTIAL, TOUCH, GraspCell
-from studies.grasp.closing import CLEAR, CLOSINGS, MOTIONS, Motion, follow, start
-from studies.grasp.isotropy_analysis import claims, records, statistics, table
-from studies.grasp.isotropy_figure import figure
-from studies.grasp.isotropy_trial import AUGMENTED, PROFILE, SEEN, UNITS, _null, length, trial
-from studies.grasp.measures import isotropy as isotropy_of
-from studies.grasp.things import SHAPES, Thing
-from studies.tasks.local import LocalEngine
-from studies.tasks.runner import Runner
-from studies.tasks.task import Row
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS, RANGES
+from srl.runtime.profile import profile
+from srl.studies.grasp import isotropy
+from srl.studies.grasp.cell import PARTIAL, TOUCH, GraspCell
+from srl.studies.grasp.closing import CLEAR, CLOSINGS, MOTIONS, Motion, follow, start
+from srl.studies.grasp.isotropy_analysis import claims, records, statistics, table
+from srl.studies.grasp.isotropy_figure import figure
+from srl.studies.grasp.isotropy_trial import AUGMENTED, PROFILE, SEEN, UNITS, _null, length, trial
+from srl.studies.grasp.measures import isotropy as isotropy_of
+from srl.studies.grasp.things import SHAPES, Thing
+from srl.studies.tasks.local import LocalEngine
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import Row
 
 WHOLE_TURN = (1.0, 0.0, 0.0, 0.0)
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
-from runtime.contracts.rotation import from_rpy, matrix
-from runtime.contracts.signals import Array
-from studies.grasp.measures import (
+from srl.runtime.contracts.rotation import from_rpy, matrix
+from srl.runtime.contracts.signals import Array
+from srl.studies.grasp.measures import (
     Contacts,
     epsilon,
     force_closure,
@@ -21,7 +21,7 @@ from studies.grasp.measures import (
     isotropy_of_moments,
     wrenches,
 )
-from studies.grasp.things import SHAPES, SIZES, Thing
+from srl.studies.grasp.things import SHAPES, SIZES, Thing
 
 R = 0.05  # m
 AXES = np.vstack([np.eye(3), -np.eye(3)])

@@ -9,12 +9,12 @@ import pytest
 from helpers.shared import shared
 from helpers.trial_rows import Here, row
 
-from runtime.control.intention.features import FRAMES
-from runtime.control.intention.training import BACKGROUND
-from studies.human_srl import intention_claims
-from studies.human_srl.intention_trial import UNRELATED, Played, other_motion, recorded, scores, trial
-from studies.intention.people import ACTIONS, DT, JOINTS, Session
-from studies.tasks.task import Row, flat
+from srl.control.intention.features import FRAMES
+from srl.control.intention.training import BACKGROUND
+from srl.studies.human_srl import intention_claims
+from srl.studies.human_srl.intention_trial import UNRELATED, Played, other_motion, recorded, scores, trial
+from srl.studies.intention.people import ACTIONS, DT, JOINTS, Session
+from srl.studies.tasks.task import Row, flat
 
 PEOPLE = range(1, 7)
 

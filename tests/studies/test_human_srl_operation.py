@@ -12,13 +12,13 @@ from helpers.trial_rows import Here, row
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.profile import profile
-from studies.human_srl import operation_claims
-from studies.human_srl.operation_claims import CONDITIONS, MOVING, STILL
-from studies.human_srl.operation_trial import PROFILE, Case, Trial, run, trial
-from studies.human_srl.reaching import AVERAGE
-from studies.human_srl.wearers import wearers
-from studies.tasks.task import Row
+from srl.runtime.profile import profile
+from srl.studies.human_srl import operation_claims
+from srl.studies.human_srl.operation_claims import CONDITIONS, MOVING, STILL
+from srl.studies.human_srl.operation_trial import PROFILE, Case, Trial, run, trial
+from srl.studies.human_srl.reaching import AVERAGE
+from srl.studies.human_srl.wearers import wearers
+from srl.studies.tasks.task import Row
 
 TEXT = profile.find(PROFILE)[1]
 WHO = wearers(20)

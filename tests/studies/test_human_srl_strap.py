@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers.trial_rows import Here, row
 
-from studies.human_srl import strap_claims
-from studies.human_srl.strap_trial import Trial, trial
-from studies.tasks.task import Row
+from srl.studies.human_srl import strap_claims
+from srl.studies.human_srl.strap_trial import Trial, trial
+from srl.studies.tasks.task import Row
 
 
 def rows(errors: dict[tuple[str, str], float], wearers: int = 4) -> list[Row]:

@@ -13,21 +13,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.cli.study import _print_table
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.options import EnvelopeOptions
-from runtime.profile import profile
-from studies.human_srl import matrices, nodes_claims, nodes_trial, reach_claims, reach_sweep, reach_trial, study
-from studies.human_srl.contacts import Contacts, girths
-from studies.human_srl.intervals import most, over_wearers, share
-from studies.human_srl.reach_claims import OFF, ON
-from studies.human_srl.reaching import AVERAGE, Reaching
-from studies.human_srl.setting import Setting
-from studies.human_srl.wearers import COUNT, drawn, wearers
-from studies.tasks.local import LocalEngine
-from studies.tasks.runner import Runner
-from studies.tasks.task import flat, function
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.options import EnvelopeOptions
+from srl.runtime.cli.study import _print_table
+from srl.runtime.profile import profile
+from srl.studies.human_srl import matrices, nodes_claims, nodes_trial, reach_claims, reach_sweep, reach_trial, study
+from srl.studies.human_srl.contacts import Contacts, girths
+from srl.studies.human_srl.intervals import most, over_wearers, share
+from srl.studies.human_srl.reach_claims import OFF, ON
+from srl.studies.human_srl.reaching import AVERAGE, Reaching
+from srl.studies.human_srl.setting import Setting
+from srl.studies.human_srl.wearers import COUNT, drawn, wearers
+from srl.studies.tasks.local import LocalEngine
+from srl.studies.tasks.runner import Runner
+from srl.studies.tasks.task import flat, function
 
 TEXT = profile.find("human-srl")[1]
 SETTING = Setting(TEXT)
@@ -311,7 +311,7 @@ def test_a_frame_that_was_lost_or_a_node_that_is_off_fails_the_claim() -> None:
     task = nodes_claims.tasks(1, "text", "YXZ")[0]
 
     def found(**values: Any) -> bool:
-        from studies.tasks.task import DONE, Row
+        from srl.studies.tasks.task import DONE, Row
 
         whole = {"nodes": 90, "frames": 50, "off": 1e-15, "vector": 1e-15, "rounding": 1e-6, **values}
         return nodes_claims.analysed([Row("", task, "", DONE, whole, "", 0.0, "", {})], 1).claims[0].holds

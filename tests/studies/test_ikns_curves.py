@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.ikns.curves import KINDS, SECONDS, curve
+from srl.studies.ikns.curves import KINDS, SECONDS, curve
 
 T = np.arange(0.0, SECONDS + 1e-9, 0.01)
 RATE = {name: np.gradient(curve(name, T), T) for name in KINDS}

@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Hold
-from runtime.profile import profile
-from studies.ikns import dofs, dofs_trial, robustness, robustness_trial
-from studies.ikns.rig import FILE, Rig, angles_alone, instructed, sensing
-from studies.tasks.task import function
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Hold
+from srl.runtime.profile import profile
+from srl.studies.ikns import dofs, dofs_trial, robustness, robustness_trial
+from srl.studies.ikns.rig import FILE, Rig, angles_alone, instructed, sensing
+from srl.studies.tasks.task import function
 
 POINT = (0.26, -0.19, -0.10)  # m, in front of the chest
 
 
 def finger_calibration() -> str:
-    return (resources.files("profiles") / FILE).read_text()
+    return (resources.files("srl.profiles") / FILE).read_text()
 
 
 def two_calibration() -> str:
-    return (resources.files("profiles") / "ikns-two.calibration.json").read_text()
+    return (resources.files("srl.profiles") / "ikns-two.calibration.json").read_text()
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2])
@@ -83,8 +83,8 @@ def test_a_condition_changes_what_it_says() -> None:
 @pytest.mark.timeout(600)
 def test_one_recording_gives_the_calibrations_of_any_of_its_dofs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Relabelled samples: a set's calibration knows its own DoFs alone, in its own order."""
-    monkeypatch.setattr("studies.ikns.rig._EXPLORATION", 10.0)
-    monkeypatch.setattr("studies.ikns.rig._HELD", 3.5)
+    monkeypatch.setattr("srl.studies.ikns.rig._EXPLORATION", 10.0)
+    monkeypatch.setattr("srl.studies.ikns.rig._HELD", 3.5)
     calm = {"sim.parts.wearer.noise": 0.0, "sim.parts.wearer.wander": 0.0, "sim.parts.wearer.wander_turn": 0.0}
     rig = Rig(angles_alone(profile.find("ikns-two")[1]), calm, 1)
     done = instructed(rig, ("swivel", "protraction"))

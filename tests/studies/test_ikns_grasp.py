@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.loop.lockstep import Lockstep
-from sim.parts.hand.robotic_finger import RoboticFingerPart
-from sim.parts.hand.ycb import YCB
-from sim.world.cell import Cell
-from studies.ikns.grasp import Carried, Task, grasp_trial, wrist
-from studies.ikns.grasp_cell import GOAL, SERVO, START, carried_cell
-from studies.ikns.grasp_table import WEAK, one
+from srl.runtime.loop.lockstep import Lockstep
+from srl.sim.parts.hand.robotic_finger import RoboticFingerPart
+from srl.sim.parts.hand.ycb import YCB
+from srl.sim.world.cell import Cell
+from srl.studies.ikns.grasp import Carried, Task, grasp_trial, wrist
+from srl.studies.ikns.grasp_cell import GOAL, SERVO, START, carried_cell
+from srl.studies.ikns.grasp_table import WEAK, one
 
 
 def world_of(lockstep: Lockstep) -> Cell:

@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts.rotation import conjugate, log, matrix, product
-from runtime.control.ikns.record import parse
-from runtime.control.models import BodyModel
-from sim.parts.body import arm_posture
-from sim.parts.hand.ycb import YCB
-from sim.world.cell import Cell
-from studies.ikns import grasping, rig
-from studies.ikns.grasp import Task, grasp_trial, wrist
-from studies.ikns.grasping_analysis import analysed, counted
-from studies.ikns.grasping_trial import OPTIONS, Setting, inwards, trial, turned_round
-from studies.ikns.grasping_wearer import KINDS, hand_at, heading
-from studies.ikns.tracking import Calibrated
-from studies.ikns.wearers import wearers
+from srl.control.ikns.record import parse
+from srl.runtime.contracts.rotation import conjugate, log, matrix, product
+from srl.runtime.models.models import BodyModel
+from srl.sim.parts.body import arm_posture
+from srl.sim.parts.hand.ycb import YCB
+from srl.sim.world.cell import Cell
+from srl.studies.ikns import grasping, rig
+from srl.studies.ikns.grasp import Task, grasp_trial, wrist
+from srl.studies.ikns.grasping_analysis import analysed, counted
+from srl.studies.ikns.grasping_trial import OPTIONS, Setting, inwards, trial, turned_round
+from srl.studies.ikns.grasping_wearer import KINDS, hand_at, heading
+from srl.studies.ikns.tracking import Calibrated
+from srl.studies.ikns.wearers import wearers
 
-PROFILE = (resources.files("profiles") / "ikns-finger.yaml").read_text()
-SHIPPED = (resources.files("profiles") / "ikns-finger.calibration.json").read_text()
+PROFILE = (resources.files("srl.profiles") / "ikns-finger.yaml").read_text()
+SHIPPED = (resources.files("srl.profiles") / "ikns-finger.calibration.json").read_text()
 FILE = parse(SHIPPED.encode(), rig.FILE)
 CHEST = (0.0, 0.0, 1.1, 1.0, 0.0, 0.0, 0.0)
 

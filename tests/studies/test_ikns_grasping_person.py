@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from helpers.run import refused
 
-from runtime.contracts.errors import RequestError
-from studies.ikns import grasping_person, people
-from studies.ikns.grasping_person import judged, ordered, session
-from studies.tasks import journal, table
-from studies.toolkit.errors import StudyError
+from srl.runtime.contracts.errors import RequestError
+from srl.studies.ikns import grasping_person, people
+from srl.studies.ikns.grasping_person import judged, ordered, session
+from srl.studies.tasks import journal, table
+from srl.studies.toolkit.errors import StudyError
 
 
 def told(lines: list[str], seconds: list[float]) -> dict[str, Any]:

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.ikns import tracking
-from studies.ikns.curves import KINDS, SECONDS, curve, scores
-from studies.ikns.published import RMSE
-from studies.ikns.tracking_analysis import analysed, figure, means
-from studies.ikns.tracking_order import CONDITIONS, ordered
-from studies.ikns.tracking_trial import calibration, stillness, trial
-from studies.ikns.wearers import wearers
-from studies.tasks.task import DONE, Row, TrialTask, flat
-from studies.toolkit.statistics import paired_t, tost
+from srl.studies.ikns import tracking
+from srl.studies.ikns.curves import KINDS, SECONDS, curve, scores
+from srl.studies.ikns.published import RMSE
+from srl.studies.ikns.tracking_analysis import analysed, figure, means
+from srl.studies.ikns.tracking_order import CONDITIONS, ordered
+from srl.studies.ikns.tracking_trial import calibration, stillness, trial
+from srl.studies.ikns.wearers import wearers
+from srl.studies.tasks.task import DONE, Row, TrialTask, flat
+from srl.studies.toolkit.statistics import paired_t, tost
 
-SHIPPED = (resources.files("profiles") / "ikns-finger.calibration.json").read_text()
+SHIPPED = (resources.files("srl.profiles") / "ikns-finger.calibration.json").read_text()
 ONE = tracking.Calibrated(replace(wearers(1)[0], stature=1.75), SHIPPED, ())
 
 

@@ -19,12 +19,12 @@ import pytest
 from helpers.panel import shown
 from helpers.run import Running, environment, refused, srl
 
-from runtime.ipc.words import State
-from studies.ikns import people
-from studies.ikns.tracking_order import Entry, ordered
-from studies.ikns.tracking_person import session
-from studies.tasks import journal
-from studies.tasks.task import DONE, Row, TrialTask
+from srl.runtime.ipc.words import State
+from srl.studies.ikns import people
+from srl.studies.ikns.tracking_order import Entry, ordered
+from srl.studies.ikns.tracking_person import session
+from srl.studies.tasks import journal
+from srl.studies.tasks.task import DONE, Row, TrialTask
 
 ORDER: list[Entry] = [*ordered([1], 1)]
 

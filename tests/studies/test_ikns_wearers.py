@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.control.models import BodyModel
-from sim.parts.body.wearer_config import Tracking, UpperBodyConfig
-from studies.ikns.curves import KINDS, SECONDS, curve
-from studies.ikns.trigger import TriggerFinger
-from studies.ikns.wearers import COUNT, Wearer, assumed, drawn, wearers
+from srl.runtime.models.models import BodyModel
+from srl.sim.parts.body.wearer_config import Tracking, UpperBodyConfig
+from srl.studies.ikns.curves import KINDS, SECONDS, curve
+from srl.studies.ikns.trigger import TriggerFinger
+from srl.studies.ikns.wearers import COUNT, Wearer, assumed, drawn, wearers
 
 ALL = wearers()
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from helpers.intention import ACTIONS, SKELETON, law_of, play, record_of
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.rotation import euler_angles, matrices
-from runtime.contracts.wearer import Perform, Rest
-from runtime.control.intention.features import joints, trunk_of
-from runtime.control.intention.training import TrainingError
-from runtime.control.skeleton import bvh
-from sim.wearer import inhard
-from sim.wearer.people import subject
-from sim.wearer.performer import Performer, measured
-from studies.intention.inhard import recogniser, trials
+from srl.control.intention.features import joints, trunk_of
+from srl.control.intention.training import TrainingError
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.rotation import euler_angles, matrices
+from srl.runtime.contracts.wearer import Perform, Rest
+from srl.runtime.models.skeleton import bvh
+from srl.sim.wearer import inhard
+from srl.sim.wearer.people import subject
+from srl.sim.wearer.performer import Performer, measured
+from srl.studies.intention.inhard import recogniser, trials
 
 RATE = 120.0
 PEOPLE = (1, 2, 3)

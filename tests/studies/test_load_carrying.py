@@ -12,16 +12,16 @@ import pytest
 from helpers.study import cell
 from pydantic import TypeAdapter
 
-from runtime.contracts.rotation import exp, product
-from sim.parts.person.plans import Plan
-from sim.parts.things.load import LoadConfig
-from studies.simulated import Run
-from studies.superman import load_carrying as study
-from studies.superman import load_figure, load_trial
-from studies.superman.assumptions import assumed
-from studies.superman.persons import persons
-from studies.tasks.local import LocalEngine
-from studies.tasks.runner import Runner
+from srl.runtime.contracts.rotation import exp, product
+from srl.sim.parts.person.plans import Plan
+from srl.sim.parts.things.load import LoadConfig
+from srl.studies.simulated import Run
+from srl.studies.superman import load_carrying as study
+from srl.studies.superman import load_figure, load_trial
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import persons
+from srl.studies.tasks.local import LocalEngine
+from srl.studies.tasks.runner import Runner
 
 A = assumed(load_trial.STUDY)
 WHO = persons()[0]

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from helpers.study import cell, profile
 
-from runtime.profile import profile as profiles
-from studies.superman import drilling_trial, overhead_drilling
-from studies.superman.assumptions import assumed
-from studies.superman.persons import persons
-from studies.tasks.local import LocalEngine
-from studies.tasks.runner import Runner
-from studies.toolkit.trials import Trial
+from srl.runtime.profile import profile as profiles
+from srl.studies.superman import drilling_trial, overhead_drilling
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import persons
+from srl.studies.tasks.local import LocalEngine
+from srl.studies.tasks.runner import Runner
+from srl.studies.toolkit.trials import Trial
 
 A = assumed("overhead-drilling")
 STRAIGHT = replace(persons()[0], tilt_x=0.0, tilt_y=0.0)

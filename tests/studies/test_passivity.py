@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from helpers.trial_rows import Here, row
 
-from studies.superman.assumptions import assumed
-from studies.superman.lag import lag
-from studies.superman.passivity import STUDY, TRIAL, claims, line, margin, run, tasks
-from studies.superman.passivity_trial import scene, trial
-from studies.tasks.task import Row
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.lag import lag
+from srl.studies.superman.passivity import STUDY, TRIAL, claims, line, margin, run, tasks
+from srl.studies.superman.passivity_trial import scene, trial
+from srl.studies.tasks.task import Row
 
 DT = 1e-4
 

@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from runtime.profile import profile
-from studies.superman import payload as study
-from studies.superman.assumptions import assumed
-from studies.superman.payload_trial import Course, Sensed, contact, drop, guide
-from studies.tasks.task import Row, TrialTask
+from srl.runtime.profile import profile
+from srl.studies.superman import payload as study
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.payload_trial import Course, Sensed, contact, drop, guide
+from srl.studies.tasks.task import Row, TrialTask
 
 TEXT = profile.find("kairos-man")[1]
 

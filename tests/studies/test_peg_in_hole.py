@@ -12,13 +12,13 @@ import pytest
 from helpers.study import cell, profile
 from ruamel.yaml import YAML
 
-from runtime.profile import profile as profiles
-from studies.simulated import Run, Setup
-from studies.superman import persons as people
-from studies.superman.as_published import OFF, WATCH
-from studies.superman.assumptions import FILE, assumed
-from studies.superman.peg_in_hole import claims, draw, lines, run
-from studies.superman.peg_trial import (
+from srl.runtime.profile import profile as profiles
+from srl.studies.simulated import Run, Setup
+from srl.studies.superman import persons as people
+from srl.studies.superman.as_published import OFF, WATCH
+from srl.studies.superman.assumptions import FILE, assumed
+from srl.studies.superman.peg_in_hole import claims, draw, lines, run
+from srl.studies.superman.peg_trial import (
     COMPLIANT,
     CONDITIONS,
     KAIROS_BARE,
@@ -31,9 +31,9 @@ from studies.superman.peg_trial import (
     setup,
     smoothed,
 )
-from studies.superman.persons import persons
-from studies.tasks.local import LocalEngine
-from studies.tasks.runner import Runner
+from srl.studies.superman.persons import persons
+from srl.studies.tasks.local import LocalEngine
+from srl.studies.tasks.runner import Runner
 
 WHO = persons()[0]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers.shared import shared
 
-from sim.wearer.forces import ForceRecording, Forces
-from studies.superman import recorded_forces as study
-from studies.superman.assumptions import assumed
+from srl.sim.wearer.forces import ForceRecording, Forces
+from srl.studies.superman import recorded_forces as study
+from srl.studies.superman.assumptions import assumed
 
 ANY = ForceRecording.model_validate({"file": "any.csv", "start": 1.0})
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers.trial_rows import Here, row
 
-from runtime.profile import profile
-from studies.superman import rendered_trial
-from studies.superman.rendered import FREQUENCIES, STUDY, claims, draw, run, tasks
-from studies.superman.rendered_trial import TRIAL, trial
+from srl.runtime.profile import profile
+from srl.studies.superman import rendered_trial
+from srl.studies.superman.rendered import FREQUENCIES, STUDY, claims, draw, run, tasks
+from srl.studies.superman.rendered_trial import TRIAL, trial
 
 SHAKE = {"axis": "y", "locomotion": False, "published": False, "mass": 6.0, "damping": 40.0, "amplitude": 5.0}
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.superman import sensitivity
-from studies.superman.assumptions import assumed
-from studies.superman.sensitivity_design import NAMES, points, tasks
+from srl.studies.superman import sensitivity
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.sensitivity_design import NAMES, points, tasks
 
 A = assumed(sensitivity.STUDY)
 RANGES = {**A["person"], **A["task"]}

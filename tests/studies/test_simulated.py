@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.ipc.words import Cause
-from runtime.profile import profile
-from studies.simulated import Run, Setup, controllers, largest, merged, parsed, simulate, without_hand
-from studies.toolkit.errors import StudyError
+from srl.runtime.ipc.words import Cause
+from srl.runtime.profile import profile
+from srl.studies.simulated import Run, Setup, controllers, largest, merged, parsed, simulate, without_hand
+from srl.studies.toolkit.errors import StudyError
 
 TEXT = profile.find("kairos-man")[1]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.control.strap.axes import Axes
-from studies.human_srl.strap_trial import ARM_ON_PLATE, POSTURES, SETTLE, Result, Trial, arm
+from srl.control.strap.axes import Axes
+from srl.studies.human_srl.strap_trial import ARM_ON_PLATE, POSTURES, SETTLE, Result, Trial, arm
 
 SECONDS = 8.0
 

@@ -17,10 +17,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.tasks import journal, table
-from studies.tasks.environment import decisive, differences
-from studies.tasks.task import DONE, FAILED, Row, TrialTask, Value, flat
-from studies.toolkit.errors import StudyError
+from srl.studies.tasks import journal, table
+from srl.studies.tasks.environment import decisive, differences
+from srl.studies.tasks.task import DONE, FAILED, Row, TrialTask, Value, flat
+from srl.studies.toolkit.errors import StudyError
 
 HERE = {"numpy": "2.0", "program": "abc", "blas": "openblas Haswell"}
 TASK = TrialTask.of("toy", "toy", 3, {"force": 1.5, "way": [1, 2]}, profile="sixth-finger")

@@ -13,9 +13,9 @@ from helpers.toy_trials import installed, kept, lines, started
 from helpers.wait import until
 from helpers.zenoh import certificates
 
-from runtime.contracts.errors import RequestError
-from studies.tasks import cluster, runner
-from studies.tasks.cluster import Cluster
+from srl.runtime.contracts.errors import RequestError
+from srl.studies.tasks import cluster, runner
+from srl.studies.tasks.cluster import Cluster
 
 pytestmark = pytest.mark.slow
 

@@ -13,11 +13,11 @@ from helpers.run import alive
 from helpers.toy_trials import installed, kept, lines, started
 from helpers.wait import until
 
-from studies.tasks import environment, journal, runner, table
-from studies.tasks.local import LocalEngine
-from studies.tasks.task import Row
-from studies.tasks.worker import ProgramError
-from studies.toolkit.errors import StudyError
+from srl.studies.tasks import environment, journal, runner, table
+from srl.studies.tasks.local import LocalEngine
+from srl.studies.tasks.task import Row
+from srl.studies.tasks.worker import ProgramError
+from srl.studies.toolkit.errors import StudyError
 
 
 @pytest.fixture
@@ -106,7 +106,7 @@ def test_rows_of_another_version_are_named_and_not_mixed(
 ) -> None:
     old = environment.environment("toy") | {"numpy": "1.9"}
     with monkeypatch.context() as patch:
-        patch.setattr("studies.tasks.runner.environment", lambda trial: old)
+        patch.setattr("srl.studies.tasks.runner.environment", lambda trial: old)
         patch.setattr(LocalEngine, "run", _here)
         before = run(toy, tmp_path / "out", 1)
     capsys.readouterr()

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.toolkit.boxplots import draw
-from studies.toolkit.errors import StudyError
-from studies.toolkit.statistics import box
+from srl.studies.toolkit.boxplots import draw
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.statistics import box
 
 RNG = np.random.default_rng(1)
 GROUPS = {

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from studies.superman.published import TABLE_I, TABLE_II
-from studies.toolkit.statistics import sign_test
+from srl.studies.superman.published import TABLE_I, TABLE_II
+from srl.studies.toolkit.statistics import sign_test
 
 PAGE = Path(__file__).parents[2] / "docs" / "user-studies.md"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.toolkit.errors import StudyError
-from studies.toolkit.nasa_tlx import PAIRS, SUBSCALES, Answer, by_subscale, check_weights, read, weights_of
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.nasa_tlx import PAIRS, SUBSCALES, Answer, by_subscale, check_weights, read, weights_of
 
 RATINGS = dict(zip(SUBSCALES, (55, 90, 30, 25, 70, 40), strict=True))
 WEIGHTS = dict(zip(SUBSCALES, (2, 5, 1, 3, 4, 0), strict=True))

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from studies.toolkit import semg
-from studies.toolkit.errors import StudyError
-from studies.toolkit.semg import EmgError, Filters, OnlineEnvelope, activity, envelope, greatest, normalise
+from srl.studies.toolkit import semg
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.semg import EmgError, Filters, OnlineEnvelope, activity, envelope, greatest, normalise
 
 F = Filters(2000.0)
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from helpers.run import call
 
-from runtime.ipc.layout import Layout
-from runtime.recording.reader import Recording, read
-from studies.toolkit.errors import StudyError
-from studies.toolkit.semg import Filters
-from studies.toolkit.semg_record import Emg, from_arrays, from_recording
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording.reader import Recording, read
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.semg import Filters
+from srl.studies.toolkit.semg_record import Emg, from_arrays, from_recording
 
 RATE = 2000
 BLOCK = 64

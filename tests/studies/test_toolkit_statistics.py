@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 from scipy import stats
 
-from studies.toolkit.errors import StudyError
-from studies.toolkit.statistics import (
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.statistics import (
     box,
     interval,
     level,

@@ -9,7 +9,7 @@ from statistics import fmean, stdev
 import pytest
 from scipy import stats
 
-from studies.superman.published import (
+from srl.studies.superman.published import (
     ACTIVITY_I,
     ACTIVITY_II,
     ERRATA_I,
@@ -21,10 +21,10 @@ from studies.superman.published import (
     WORKLOAD_I,
     WORKLOAD_II,
 )
-from studies.toolkit.errors import StudyError
-from studies.toolkit.nasa_tlx import SUBSCALES
-from studies.toolkit.semg import MUSCLES
-from studies.toolkit.tables import Difference, Measure, Printed, Table
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.nasa_tlx import SUBSCALES
+from srl.studies.toolkit.semg import MUSCLES
+from srl.studies.toolkit.tables import Difference, Measure, Printed, Table
 
 BOTH = [(TABLE_I, PRINTED_I, ERRATA_I), (TABLE_II, PRINTED_II, ERRATA_II)]
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.superman.published import TABLE_II
-from studies.toolkit.errors import StudyError
-from studies.toolkit.trials import Trial, each, holds, read, table, touches
+from srl.studies.superman.published import TABLE_II
+from srl.studies.toolkit.errors import StudyError
+from srl.studies.toolkit.trials import Trial, each, holds, read, table, touches
 
 MEASURES = {"T": ("s", "completion time"), "N_err": ("errors", "touches")}
 

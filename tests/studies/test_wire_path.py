@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from helpers.study import cell
 
-from runtime.profile import profile
-from sim.parts.person.practice import practised
-from studies.superman import wire_path, wire_trial
-from studies.superman.assumptions import assumed
-from studies.superman.persons import COUNT, drawn, persons
-from studies.superman.user_study import tasks
-from studies.tasks.task import flat, function
-from studies.toolkit.trials import Trial
+from srl.runtime.profile import profile
+from srl.sim.parts.person.practice import practised
+from srl.studies.superman import wire_path, wire_trial
+from srl.studies.superman.assumptions import assumed
+from srl.studies.superman.persons import COUNT, drawn, persons
+from srl.studies.superman.user_study import tasks
+from srl.studies.tasks.task import flat, function
+from srl.studies.toolkit.trials import Trial
 
 A = assumed("wire-path")
 TEXT = profile.find(wire_trial.PROFILE)[1]

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from runtime.cli import new_device
+from srl.commissioning.cli import new_device
 
 NAME = "probe"
 

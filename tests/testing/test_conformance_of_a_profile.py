@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.cyberglove import CyberGlove
-from runtime.contracts.errors import ProfileError, RequestError
-from runtime.profile import profile
+from srl.drivers.cyberglove import CyberGlove
+from srl.runtime.contracts.errors import ProfileError, RequestError
+from srl.runtime.profile import profile
 from srl.testing import DriverConformance
 
 

@@ -11,13 +11,13 @@ from unittest import SkipTest
 import numpy as np
 import pytest
 
-from drivers.firmata import Firmata
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.world import Fake, World
-from sim.devices.examples import CELL
-from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.firmata import Firmata
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.world import Fake, World
+from srl.sim.devices.examples import CELL
+from srl.sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from srl.sim.world.cell import Cell, CellConfig
 from srl.testing import DriverConformance, TwinBench, bound
 
 RULES = [name for name in vars(DriverConformance) if name.startswith("test_")]

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from helpers.somebody import environment, pytest_in
 
-from runtime.contracts.errors import DeviceError, ProfileError, RecordingError, RequestError
-from runtime.testing.faults import FAULTS
+from srl.runtime.contracts.errors import DeviceError, ProfileError, RecordingError, RequestError
+from srl.runtime.testing.faults import FAULTS
 from srl.testing import Lab, simulate
 
 FT = {
@@ -323,11 +323,11 @@ def test_names_and_shapes_that_arent_there_are_told(lab: Lab) -> None:
 
 def test_the_plugin_imports_nothing_heavy() -> None:
     code = (
-        "import pytest, sys; known = set(sys.modules); import runtime.testing.plugin;"
+        "import pytest, sys; known = set(sys.modules); import srl.runtime.testing.plugin;"
         "print(sorted(set(sys.modules) - known))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['runtime', 'runtime.testing', 'runtime.testing.plugin']"
+    assert done.stdout.strip() == "['runtime', 'srl.runtime.testing', 'srl.runtime.testing.plugin']"
 
 
 @pytest.mark.slow

@@ -10,11 +10,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pytest
 
-from runtime.contracts import registry
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Array, Signal
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part
 from srl.testing import ControllerConformance, PartConformance, bound
 
 COUNT = itertools.count(1)

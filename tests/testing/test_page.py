@@ -14,8 +14,8 @@ import pytest
 from helpers import ROOT
 from helpers.somebody import environment, pytest_in
 
-from runtime.cli import new_device
-from runtime.testing.faults import FAULTS
+from srl.commissioning.cli import new_device
+from srl.runtime.testing.faults import FAULTS
 from srl.testing import ControllerConformance, DriverConformance, PartConformance
 
 PAGE = (ROOT / "docs" / "testing.md").read_text()
@@ -78,7 +78,7 @@ class Shell:
             each.mkdir()
         install = "install --quiet --no-deps --no-index --no-build-isolation --disable-pip-version-check --target"
         for name, line in (
-            ("srl", '-m runtime "$@"'),
+            ("srl", '-m srl "$@"'),
             ("python", '"$@"'),
             ("pip", f'-m pip {install} "{self.site}" .'),  # never into the environment of these tests
         ):

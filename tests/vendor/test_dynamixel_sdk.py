@@ -10,8 +10,8 @@ from helpers.wait import until
 
 sdk = pytest.importorskip("dynamixel_sdk")
 
-from drivers.dynamixel.models import MODELS  # noqa: E402
-from drivers.dynamixel.table import table2  # noqa: E402
+from srl.drivers.dynamixel.models import MODELS  # noqa: E402
+from srl.drivers.dynamixel.table import table2  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

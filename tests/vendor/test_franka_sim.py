@@ -20,11 +20,11 @@ import pytest
 from helpers.wait import until
 from helpers.zenoh import reopened
 
-from drivers.panda import Panda
-from drivers.panda.config import PandaConfig
-from drivers.panda.packets import decode_state
-from runtime.contracts.signals import Stop
-from runtime.control.robots import FR3
+from srl.drivers.panda import Panda
+from srl.drivers.panda.config import PandaConfig
+from srl.drivers.panda.packets import decode_state
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.models.robots import FR3
 
 # Serial: a robot that wants a packet each millisecond.
 pytestmark = [pytest.mark.slow, pytest.mark.serial, pytest.mark.timeout(600)]

@@ -17,7 +17,7 @@ from helpers.natnet import EXACT, TOOL, WANTED
 from helpers.peer import Peer
 from helpers.wait import until
 
-from drivers.natnet import protocol
+from srl.drivers.natnet import protocol
 
 pytestmark = pytest.mark.slow
 natnet = pytest.importorskip("natnet", reason="pip install natnet")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from helpers.ft import Server, at_sensor, cell, push
 
-from drivers.ati_netft.config import AtiNetFtConfig
-from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
-from sim.devices.ati_netft.twin import AtiNetFtTwin
+from srl.drivers.ati_netft.config import AtiNetFtConfig
+from srl.sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
+from srl.sim.devices.ati_netft.twin import AtiNetFtTwin
 
 NetFT = pytest.importorskip("NetFT")
 WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)

@@ -11,8 +11,8 @@ from helpers.can_drives import TwinRig, cell, odrive
 from helpers.twin import bound
 from helpers.wait import until
 
-from drivers.odrive import Odrive, opening, protocol
-from runtime.contracts.errors import DeviceError
+from srl.drivers.odrive import Odrive, opening, protocol
+from srl.runtime.contracts.errors import DeviceError
 
 odrive_can = pytest.importorskip("odrive_can")
 from odrive_can.mock import ODriveCANMock  # noqa: E402

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import panda as helpers_panda
 
-from runtime.control.robots import PANDA
+from srl.runtime.models.robots import PANDA
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("panda_py") is None, reason="panda-python isn't installed")
 

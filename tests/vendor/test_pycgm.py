@@ -10,7 +10,7 @@ from helpers import mocap
 from helpers.mocap import difference, frames
 from helpers.shared import shared
 
-from runtime.control.ikns.markers import MarkerFit
+from srl.control.ikns.markers import MarkerFit
 
 pytest.importorskip("pyCGM_Single", reason="pip install pycgm")
 

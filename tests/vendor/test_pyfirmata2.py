@@ -12,7 +12,7 @@ import pytest
 from helpers.srl_twin import TwinProcess
 from helpers.wait import until
 
-from runtime.profile.profile import find
+from srl.runtime.profile.profile import find
 
 PRESSES = "{go: [[7.5, 7.8], [20, 20.3]], back: [[8.0, 8.3], [20, 20.3]]}"  # s of world time
 US_PER_RAD = (2400 - 544) / 3.142

@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 from helpers import panda as helpers_panda
 
-from runtime.control.robots import FR3, Payload
-from runtime.control.robots.pinocchio_model import pinocchio_model
+from srl.runtime.models.robots import FR3, Payload
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("pylibfranka") is None, reason="pylibfranka isn't installed")
 

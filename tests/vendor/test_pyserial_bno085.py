@@ -8,10 +8,10 @@ import serial
 from helpers.ft import Server
 from scipy.spatial.transform import Rotation
 
-from drivers.bno085 import Bno085Config
-from sim.devices.bno085.fake import FakeBno085, FakeBno085Config
-from sim.devices.bno085.twin import Bno085Twin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.bno085 import Bno085Config
+from srl.sim.devices.bno085.fake import FakeBno085, FakeBno085Config
+from srl.sim.devices.bno085.twin import Bno085Twin
+from srl.sim.world.cell import Cell, CellConfig
 
 TILT = Rotation.from_euler("ZXY", [0.0, -1.1, 20.85], degrees=True)  # as in the datasheet's example
 

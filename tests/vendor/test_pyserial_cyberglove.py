@@ -9,9 +9,9 @@ import pytest
 import serial
 from helpers.twin import Bench, StillWorld
 
-from drivers.cyberglove.driver import CyberGloveConfig
-from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
-from sim.devices.cyberglove.twin import CyberGloveTwin
+from srl.drivers.cyberglove.driver import CyberGloveConfig
+from srl.sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
+from srl.sim.devices.cyberglove.twin import CyberGloveTwin
 
 RAW = bytes(range(10, 221, 10))
 

@@ -10,12 +10,12 @@ import serial
 from helpers.ft import Server
 from helpers.wait import until
 
-from drivers.softhand.config import SoftHandConfig
-from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
-from sim.devices.softhand.twin import SERIAL, SoftHandTwin
-from sim.parts.robots.softhand import SoftHandConfig as PartOptions
-from sim.parts.robots.softhand import SoftHandPart
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.softhand.config import SoftHandConfig
+from srl.sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
+from srl.sim.devices.softhand.twin import SERIAL, SoftHandTwin
+from srl.sim.parts.robots.softhand import SoftHandConfig as PartOptions
+from srl.sim.parts.robots.softhand import SoftHandPart
+from srl.sim.world.cell import Cell, CellConfig
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from helpers.ft import Server, at_sensor, cell, push
 
-from drivers.can_ft.driver import CanFtConfig
-from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
-from sim.devices.can_ft.twin import CanFtTwin
+from srl.drivers.can_ft.driver import CanFtConfig
+from srl.sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
+from srl.sim.devices.can_ft.twin import CanFtTwin
 
 WRENCH = (12.34, -5.0, 98.7, 0.5, -0.25, 0.1)
 

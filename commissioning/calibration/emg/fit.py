@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.emg.processing import EmgError, Filters, OnlineEnvelope, greatest
+from srl.control.emg.processing import EmgError, Filters, OnlineEnvelope, greatest
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 MAINS: Final = (50.0, 60.0)  # Hz
 _BESIDE: Final = 1.0  # Hz around each of its harmonics

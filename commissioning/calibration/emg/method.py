@@ -15,23 +15,23 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import emg_report
-from runtime.calibration.cut import cut_to, find
-from runtime.calibration.emg_report import Result
-from runtime.calibration.method import Method, Say, kept, settings
-from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.contracts.errors import RecordingError, RequestError, WiringError
-from runtime.control.emg.fit import Thresholds, fit, refusals
-from runtime.control.emg.procedure import Procedure
-from runtime.control.emg.processing import EmgError, OnlineEnvelope
-from runtime.control.emg.record import FORMAT, EmgRecord
-from runtime.control.emg.samples import EmgMarksConfig, Plan, Samples, joined, parts
-from runtime.control.shared.marks import stretch_of
-from runtime.ipc.layout import Layout
-from runtime.profile.graph import Graph
-from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration.cut import cut_to, find
+from srl.commissioning.calibration.emg import report as emg_report
+from srl.commissioning.calibration.emg.fit import Thresholds, fit, refusals
+from srl.commissioning.calibration.emg.procedure import Procedure
+from srl.commissioning.calibration.emg.report import Result
+from srl.commissioning.calibration.emg.samples import EmgMarksConfig, Plan, Samples, joined, parts
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.control.emg.processing import EmgError, OnlineEnvelope
+from srl.control.emg.record import FORMAT, EmgRecord
+from srl.runtime.contracts.errors import RecordingError, RequestError, WiringError
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import ControllerEntry, Profile
+from srl.runtime.profile.source import Source
 
 LAW: Final = "emg-activation"
 MARKS: Final = "emg-marks"

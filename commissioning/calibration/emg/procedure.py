@@ -9,12 +9,12 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Contract, Instruction, Rest
-from runtime.control.emg.blocks import GONE, Stream
-from runtime.control.emg.fit import Thresholds
-from runtime.control.emg.samples import IDLE, REST, Plan, Samples, mark
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.emg.fit import Thresholds
+from srl.commissioning.calibration.emg.samples import IDLE, REST, Plan, Samples, mark
+from srl.commissioning.calibration.guided import Bar
+from srl.control.emg.blocks import GONE, Stream
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Contract, Instruction, Rest
 
 _NONE: Final = np.empty(0, np.intp)
 
@@ -47,7 +47,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
 
     step: Step
     task: str

@@ -14,10 +14,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from runtime.calibration.picture import save
-from runtime.control.emg.fit import Mvc
-from runtime.control.emg.processing import EmgError
-from runtime.control.emg.samples import EmgMarksConfig
+from srl.commissioning.calibration.emg.fit import Mvc
+from srl.commissioning.calibration.emg.samples import EmgMarksConfig
+from srl.commissioning.calibration.picture import save
+from srl.control.emg.processing import EmgError
 
 
 @dataclass(frozen=True)

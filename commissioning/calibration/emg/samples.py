@@ -12,13 +12,13 @@ from typing import Final
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.emg.blocks import joined_samples
-from runtime.control.emg.fit import Thresholds
-from runtime.control.emg.processing import EmgError, Filters
-from runtime.control.shared.marks import Indices, MarkLaw
+from srl.commissioning.calibration.emg.fit import Thresholds
+from srl.commissioning.calibration.marks import Indices, MarkLaw
+from srl.control.emg.blocks import joined_samples
+from srl.control.emg.processing import EmgError, Filters
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 IDLE: Final = 0
 REST: Final = 1

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.mount.fit import rigid
+from srl.commissioning.calibration.frames.fit import rigid
+from srl.runtime.contracts.signals import Array
 
 NEAR: Final = 0.01  # m, twice what may be left of a point
 

@@ -23,10 +23,10 @@ from pydantic import Field
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import SrlError
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 What = Literal["points", "poses"]
 Indices = NDArray[np.intp]

@@ -12,27 +12,27 @@ from typing import Any, ClassVar, Final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import frame_report
-from runtime.calibration.cut import cut_devices
-from runtime.calibration.frame_report import Result
-from runtime.calibration.method import Method, Say, kept, settings
-from runtime.calibration.order import Order
-from runtime.calibration.pose_signals import pose_signals
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.contracts import registry
-from runtime.contracts.errors import OptionError, ProfileError, RecordingError, RequestError, WiringError, nearest
-from runtime.contracts.files import KeptFile
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.options import Options
-from runtime.control.mount.fit import MountError, Thresholds, fit, refusals
-from runtime.control.mount.procedure import Procedure
-from runtime.control.mount.record import FORMAT, FrameRecord
-from runtime.control.mount.samples import LEFT_OUT, FrameMarksConfig, Plan, Samples, held, joined, pairs
-from runtime.control.shared.marks import stretch_of
-from runtime.ipc.layout import Layout
-from runtime.profile.graph import Graph
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration.cut import cut_devices
+from srl.commissioning.calibration.frames import report as frame_report
+from srl.commissioning.calibration.frames.fit import MountError, Thresholds, fit, refusals
+from srl.commissioning.calibration.frames.procedure import Procedure
+from srl.commissioning.calibration.frames.report import Result
+from srl.commissioning.calibration.frames.samples import LEFT_OUT, FrameMarksConfig, Plan, Samples, held, joined, pairs
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.pose_signals import pose_signals
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import OptionError, ProfileError, RecordingError, RequestError, WiringError, nearest
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.options import Options
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.models.mount_record import FORMAT, FrameRecord
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 MARKS: Final = "frame-marks"
 _PEOPLE: Final = ("person", "hands")  # parts of whoever would lead another thing meanwhile

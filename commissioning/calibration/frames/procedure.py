@@ -8,12 +8,12 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Lead, Rest
-from runtime.control.mount import samples as marks
-from runtime.control.mount.fit import FEWEST, Thresholds, like
-from runtime.control.mount.samples import Plan, Samples, mean, steady, tip
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.frames import samples as marks
+from srl.commissioning.calibration.frames.fit import FEWEST, Thresholds, like
+from srl.commissioning.calibration.frames.samples import Plan, Samples, mean, steady, tip
+from srl.commissioning.calibration.guided import Bar
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction, Lead, Rest
 
 _PATIENCE: Final = 10.0  # s at a place that is like one before
 
@@ -42,7 +42,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
 
     step: Step
     task: str

@@ -14,11 +14,11 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from runtime.calibration.picture import save
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
-from runtime.control.mount.fit import Mount, MountError
-from runtime.control.mount.samples import FrameMarksConfig
+from srl.commissioning.calibration.frames.fit import Mount, MountError
+from srl.commissioning.calibration.frames.samples import FrameMarksConfig
+from srl.commissioning.calibration.picture import save
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Array
 
 
 @dataclass(frozen=True)

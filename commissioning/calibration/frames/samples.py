@@ -13,13 +13,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field, FiniteFloat, model_validator
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.options import Options
-from runtime.contracts.rotation import Vector
-from runtime.contracts.signals import Array
-from runtime.control.mount.exchanged import exchanged
-from runtime.control.mount.fit import FEWEST, MountError, Thresholds
-from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.frames.exchanged import exchanged
+from srl.commissioning.calibration.frames.fit import FEWEST, MountError, Thresholds
+from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.contracts.signals import Array
 
 IDLE: Final = 0
 LEFT_OUT: Final = 100

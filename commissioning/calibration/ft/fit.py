@@ -15,10 +15,10 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import least_squares
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 FEWEST = 6  # poses: with four the load fits any error
 

@@ -13,24 +13,24 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import ft_report
-from runtime.calibration.cut import cut_to, elements, find
-from runtime.calibration.ft_report import Result
-from runtime.calibration.in_hand import take_in_hand
-from runtime.calibration.method import Method, Say, kept, settings
-from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
-from runtime.contracts.terms import WRENCH
-from runtime.control.ft.fit import FEWEST, FtError, Thresholds, bias_alone, fit, refusals
-from runtime.control.ft.procedure import Procedure
-from runtime.control.ft.record import FORMAT, FtRecord
-from runtime.control.ft.samples import LEFT_OUT, FtMarksConfig, Plan, Samples, joined, poses
-from runtime.control.shared.marks import stretch_of
-from runtime.ipc.layout import Layout
-from runtime.profile.graph import Graph
-from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration.cut import cut_to, elements, find
+from srl.commissioning.calibration.ft import report as ft_report
+from srl.commissioning.calibration.ft.fit import FEWEST, FtError, Thresholds, bias_alone, fit, refusals
+from srl.commissioning.calibration.ft.procedure import Procedure
+from srl.commissioning.calibration.ft.report import Result
+from srl.commissioning.calibration.ft.samples import LEFT_OUT, FtMarksConfig, Plan, Samples, joined, poses
+from srl.commissioning.calibration.in_hand import take_in_hand
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.control.cobot.ft_record import FORMAT, FtRecord
+from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
+from srl.runtime.contracts.terms import WRENCH
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import ControllerEntry, Profile
+from srl.runtime.profile.source import Source
 
 LAW: Final = "admittance"
 MARKS: Final = "ft-marks"

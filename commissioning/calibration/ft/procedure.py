@@ -8,13 +8,13 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Vector
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Rest, Turn
-from runtime.control.ft import samples as marks
-from runtime.control.ft.fit import FEWEST, Thresholds
-from runtime.control.ft.samples import Plan, Samples, steady
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.ft import samples as marks
+from srl.commissioning.calibration.ft.fit import FEWEST, Thresholds
+from srl.commissioning.calibration.ft.samples import Plan, Samples, steady
+from srl.commissioning.calibration.guided import Bar
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction, Rest, Turn
 
 _WAYS: Final[tuple[tuple[str, Vector], ...]] = (
     ("its z axis up", (0.0, 0.0, 1.0)),
@@ -53,7 +53,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
 
     step: Step
     task: str

@@ -14,10 +14,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from runtime.calibration.picture import save
-from runtime.contracts.gravity import GRAVITY
-from runtime.control.ft.fit import FtError, Load
-from runtime.control.ft.samples import FtMarksConfig
+from srl.commissioning.calibration.ft.fit import FtError, Load
+from srl.commissioning.calibration.ft.samples import FtMarksConfig
+from srl.commissioning.calibration.picture import save
+from srl.runtime.contracts.gravity import GRAVITY
 
 
 @dataclass(frozen=True)

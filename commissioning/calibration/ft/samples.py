@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.ft.fit import FtError, Thresholds
-from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.ft.fit import FtError, Thresholds
+from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 IDLE: Final = 0
 LEFT_OUT: Final = 100

@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.glove.shapes import AGAIN, ALONE, FINGERS, FIST, FLAT, THUMB, Angles, bent_in, shapes
+from srl.commissioning.calibration.glove.shapes import AGAIN, ALONE, FINGERS, FIST, FLAT, THUMB, Angles, bent_in, shapes
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 LOWEST, HIGHEST = 1.0, 255.0  # counts, the ends of a sensor's scale
 _ROUNDING: Final = 1.0 / 12.0  # counts^2, variance of rounding to whole counts

@@ -12,23 +12,24 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import device_cut, glove_report
-from runtime.calibration.cut import cut_devices
-from runtime.calibration.glove_report import Result
-from runtime.calibration.method import Method, Say, kept, settings
-from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError, nearest
-from runtime.contracts.glove_record import FORMAT, GloveRecord
-from runtime.control.glove.fit import GloveError, Thresholds, fit, refusals
-from runtime.control.glove.procedure import Procedure
-from runtime.control.glove.samples import GloveMarksConfig, Plan, Samples, held, joined
-from runtime.control.glove.shapes import LAST, Angles
-from runtime.control.shared.marks import stretch_of
-from runtime.ipc.layout import Layout
-from runtime.profile.graph import Graph
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration import device_cut
+from srl.commissioning.calibration.cut import cut_devices
+from srl.commissioning.calibration.glove import report as glove_report
+from srl.commissioning.calibration.glove.fit import GloveError, Thresholds, fit, refusals
+from srl.commissioning.calibration.glove.procedure import Procedure
+from srl.commissioning.calibration.glove.report import Result
+from srl.commissioning.calibration.glove.samples import GloveMarksConfig, Plan, Samples, held, joined
+from srl.commissioning.calibration.glove.shapes import LAST, Angles
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError, nearest
+from srl.runtime.contracts.glove_record import FORMAT, GloveRecord
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 NAME: Final = "glove"
 MARKS: Final = "glove-marks"

@@ -9,13 +9,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Rest
-from runtime.contracts.wearer import Shape as Told
-from runtime.control.glove.fit import Thresholds
-from runtime.control.glove.samples import IDLE, Plan, Samples, moved
-from runtime.control.glove.shapes import AGAIN, FINGERS, Angles, shapes
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.glove.fit import Thresholds
+from srl.commissioning.calibration.glove.samples import IDLE, Plan, Samples, moved
+from srl.commissioning.calibration.glove.shapes import AGAIN, FINGERS, Angles, shapes
+from srl.commissioning.calibration.guided import Bar
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction, Rest
+from srl.runtime.contracts.wearer import Shape as Told
 
 
 class Kind(Enum):
@@ -41,7 +41,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
 
     step: Step
     task: str

@@ -14,10 +14,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from runtime.calibration.picture import save
-from runtime.control.glove.fit import HIGHEST, LOWEST, Glove, GloveError
-from runtime.control.glove.samples import GloveMarksConfig
-from runtime.control.glove.shapes import shapes
+from srl.commissioning.calibration.glove.fit import HIGHEST, LOWEST, Glove, GloveError
+from srl.commissioning.calibration.glove.samples import GloveMarksConfig
+from srl.commissioning.calibration.glove.shapes import shapes
+from srl.commissioning.calibration.picture import save
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.glove.fit import GloveError, Held, Thresholds
-from runtime.control.glove.shapes import LAST, Angles, shapes
-from runtime.control.shared.marks import Indices, MarkLaw
+from srl.commissioning.calibration.glove.fit import GloveError, Held, Thresholds
+from srl.commissioning.calibration.glove.shapes import LAST, Angles, shapes
+from srl.commissioning.calibration.marks import Indices, MarkLaw
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 IDLE: Final = 0
 _BLOCKS: Final = 5

@@ -8,7 +8,7 @@ from typing import Final
 
 from pydantic import Field
 
-from runtime.contracts.options import Options
+from srl.runtime.contracts.options import Options
 
 FLAT, FIST, SPREAD, THUMB, AGAIN = 1, 2, 3, 4, 9
 FINGERS: Final = ("index", "middle", "ring", "pinkie")

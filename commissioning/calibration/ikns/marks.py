@@ -12,10 +12,10 @@ from typing import Final
 
 from pydantic import Field
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.control.ikns.calibration import Thresholds
-from runtime.control.ikns.record import Name
-from runtime.control.shared.marks import MarkLaw
+from srl.commissioning.calibration.marks import MarkLaw
+from srl.control.ikns.calibration import Thresholds
+from srl.control.ikns.record import Name
+from srl.runtime.contracts.controller import ControllerConfig
 
 IDLE: Final = 0
 STATIC: Final = 1

@@ -9,24 +9,25 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, get_args
 
-from runtime.calibration import cut as cutting
-from runtime.calibration import report as ikns_report
-from runtime.calibration import result as results
-from runtime.calibration.method import Method, Say, kept, named, names, settings
-from runtime.calibration.order import Order
-from runtime.calibration.result import Result
-from runtime.calibration.sense import Senses
-from runtime.calibration.taps import Taps, taps
-from runtime.contracts.errors import RequestError, nearest
-from runtime.contracts.wearer import Dof
-from runtime.control.ikns import marks, record
-from runtime.control.ikns.calibration import CalibrationError, Thresholds
-from runtime.control.ikns.marks import MarksConfig
-from runtime.control.ikns.procedure import Plan, Procedure
-from runtime.control.ikns.samples import Samples, ended, joined, seen, stretch
-from runtime.ipc.layout import Layout
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration import cut as cutting
+from srl.commissioning.calibration import report as ikns_report
+from srl.commissioning.calibration import result as results
+from srl.commissioning.calibration.ikns import marks
+from srl.commissioning.calibration.ikns.marks import MarksConfig
+from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
+from srl.commissioning.calibration.ikns.samples import Samples, ended, joined, seen, stretch
+from srl.commissioning.calibration.method import Method, Say, kept, named, names, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.result import Result
+from srl.commissioning.calibration.sense import Senses
+from srl.commissioning.calibration.taps import Taps, taps
+from srl.control.ikns import record
+from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.wearer import Dof
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 
 class IknsMethod(Method[Taps, Result]):

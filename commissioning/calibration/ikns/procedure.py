@@ -12,14 +12,14 @@ from typing import Final, cast
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest
-from runtime.control.ikns import marks
-from runtime.control.ikns.calibration import CalibrationError, Thresholds
-from runtime.control.ikns.clusters import box_points, hand_speed
-from runtime.control.ikns.samples import LEAST_POINTS, Samples
-from runtime.control.ikns.steps import Kind, Step, View
+from srl.commissioning.calibration.ikns import marks
+from srl.commissioning.calibration.ikns.samples import LEAST_POINTS, Samples
+from srl.commissioning.calibration.ikns.steps import Kind, Step, View
+from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.control.ikns.clusters import box_points, hand_speed
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest
 
 _TAIL: Final = 0.5  # s, over which the live speed and the share of lost samples are taken
 _SEEN: Final = 0.8  # share of samples that must have angles and hand

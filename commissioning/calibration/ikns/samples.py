@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.calibration import CalibrationError, Recording
-from runtime.control.ikns.clusters import Indices
-from runtime.control.ikns.marks import IDLE, POINT, VOID, mark_of, of_trial
-from runtime.control.shared.marks import stretch_of
+from srl.commissioning.calibration.ikns.marks import IDLE, POINT, VOID, mark_of, of_trial
+from srl.commissioning.calibration.marks import stretch_of
+from srl.control.ikns.calibration import CalibrationError, Recording
+from srl.control.ikns.clusters import Indices
+from srl.runtime.contracts.signals import Array
 
 LEAST_POINTS: Final = 8  # a box's corners
 _GAP: Final = 1.0  # s, between the samples of two recordings

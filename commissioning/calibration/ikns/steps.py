@@ -8,9 +8,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns import marks
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.ikns import marks
+from srl.runtime.contracts.signals import Array
 
 _CALM: Final = 0.05  # m/s, below which a person is told that the hand is still
 

@@ -11,10 +11,10 @@ from typing import Final
 
 from pydantic import Field
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.control.intention.training import Thresholds
-from runtime.control.shared.marks import MarkLaw
-from runtime.control.shared.record_file import Name
+from srl.commissioning.calibration.marks import MarkLaw
+from srl.control.intention.training import Thresholds
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.models.record_file import Name
 
 IDLE: Final = 0
 VOID: Final = 1

@@ -13,23 +13,23 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import intention_report
-from runtime.calibration.cut import cut_to, elements
-from runtime.calibration.intention_report import Result
-from runtime.calibration.method import Method, Say, kept, names, settings
-from runtime.calibration.order import Order
-from runtime.calibration.suit_taps import SuitTaps
-from runtime.contracts.errors import RequestError, WiringError, nearest
-from runtime.control.intention.features import frames, joints, trunk_of
-from runtime.control.intention.marks import IntentionMarksConfig
-from runtime.control.intention.procedure import ACTIONS, Plan, Procedure
-from runtime.control.intention.record import Record
-from runtime.control.intention.samples import Samples, ended, trials
-from runtime.control.intention.training import BACKGROUND, Thresholds, TrainingError, refusals, train
-from runtime.ipc.layout import Layout
-from runtime.profile.graph import Graph
-from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration.cut import cut_to, elements
+from srl.commissioning.calibration.intention import report as intention_report
+from srl.commissioning.calibration.intention.marks import IntentionMarksConfig
+from srl.commissioning.calibration.intention.procedure import ACTIONS, Plan, Procedure
+from srl.commissioning.calibration.intention.report import Result
+from srl.commissioning.calibration.intention.samples import Samples, ended, trials
+from srl.commissioning.calibration.method import Method, Say, kept, names, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.suit.taps import SuitTaps
+from srl.control.intention.features import frames, joints, trunk_of
+from srl.control.intention.record import Record
+from srl.control.intention.training import BACKGROUND, Thresholds, TrainingError, refusals, train
+from srl.runtime.contracts.errors import RequestError, WiringError, nearest
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import ControllerEntry, Profile
+from srl.runtime.profile.source import Source
 
 LAW: Final = "intention"
 MARKS: Final = "intention-marks"

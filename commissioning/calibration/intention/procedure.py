@@ -14,13 +14,13 @@ from typing import ClassVar, Final, cast, get_args
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Action, Instruction, Perform, Rest, Walk
-from runtime.control.intention import marks
-from runtime.control.intention.features import POSTURE
-from runtime.control.intention.samples import Samples
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.intention import marks
+from srl.commissioning.calibration.intention.samples import Samples
+from srl.control.intention.features import POSTURE
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Action, Instruction, Perform, Rest, Walk
 
 ACTIONS: Final[tuple[str, ...]] = get_args(Action)
 _SEEN: Final = 0.9  # share of samples that must be measured
@@ -81,7 +81,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`.
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`.
 
     `progress`: 0 to 1, of the step's time; `turn`, `turns`: the round, from 1 on, and their number; `lost`: share of
     the step's samples that weren't measured.

@@ -14,9 +14,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from runtime.calibration.picture import save
-from runtime.calibration.run_taps import RunTaps
-from runtime.control.intention.training import Held, Recogniser, TrainingError
+from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.run_taps import RunTaps
+from srl.control.intention.training import Held, Recogniser, TrainingError
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.control.intention.features import RATE
-from runtime.control.intention.marks import IDLE, ROUND, STAND, VOID, WALK
-from runtime.control.intention.training import BACKGROUND, Thresholds, TrainingError, Trial
-from runtime.control.shared.marks import Indices, stretch_of
+from srl.commissioning.calibration.intention.marks import IDLE, ROUND, STAND, VOID, WALK
+from srl.commissioning.calibration.marks import Indices, stretch_of
+from srl.control.intention.features import RATE
+from srl.control.intention.training import BACKGROUND, Thresholds, TrainingError, Trial
+from srl.runtime.contracts.signals import Array
 
 _LOST: Final = 0.1  # share of a trial's samples that may be missing
 _STOP: Final = 0.25  # s between two samples from which on the run was stopped between them

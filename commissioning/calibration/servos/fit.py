@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.options import Options
-from runtime.contracts.servo_record import SHARE, TRIM
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.servo_record import SHARE, TRIM
 
 
 class ServoError(SrlError):

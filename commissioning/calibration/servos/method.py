@@ -13,26 +13,20 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import device_cut, servo_report
-from runtime.calibration.drive import Drive
-from runtime.calibration.keyed import Keyed
-from runtime.calibration.method import Method, Say, kept, settings
-from runtime.calibration.order import Order
-from runtime.calibration.panel import PanelScreen
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.calibration.screen import Screen
-from runtime.calibration.servo_report import Found, Result
-from runtime.calibration.simulated_drive import SimulatedDrive
-from runtime.calibration.sources import RowSource
-from runtime.contracts import registry, servo_record
-from runtime.contracts.driver import Driver
-from runtime.contracts.errors import RecordingError, RequestError, SrlError, WiringError
-from runtime.contracts.files import KeptFile
-from runtime.contracts.servo_record import FORMAT, WHAT, Joint, ServoRecord
-from runtime.contracts.signals import Kind
-from runtime.control.servos.fit import Seat, ServoError, Thresholds, refusals, seat
-from runtime.control.servos.procedure import Procedure
-from runtime.control.servos.samples import (
+from srl.commissioning.calibration import device_cut
+from srl.commissioning.calibration.drive import Drive
+from srl.commissioning.calibration.keyed import Keyed
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.panel import PanelScreen
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.screen import Screen
+from srl.commissioning.calibration.servos import report as servo_report
+from srl.commissioning.calibration.servos.fit import Seat, ServoError, Thresholds, refusals, seat
+from srl.commissioning.calibration.servos.procedure import Procedure
+from srl.commissioning.calibration.servos.report import Found, Result
+from srl.commissioning.calibration.servos.samples import (
     FIRST,
     LEFT_OUT,
     Plan,
@@ -43,15 +37,22 @@ from runtime.control.servos.samples import (
     joined,
     left_out,
 )  # fmt: skip
-from runtime.control.shared.marks import stretch_of
-from runtime.ipc.layout import Layout
-from runtime.jog.cut import Cut
-from runtime.jog.cut import cut as jog_cut
-from runtime.profile import profile, wiring
-from runtime.profile.builder import Builder
-from runtime.profile.part import parsed
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration.simulated_drive import SimulatedDrive
+from srl.commissioning.calibration.sources import RowSource
+from srl.commissioning.jog.cut import Cut
+from srl.commissioning.jog.cut import cut as jog_cut
+from srl.runtime.contracts import registry, servo_record
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.errors import RecordingError, RequestError, SrlError, WiringError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.servo_record import FORMAT, WHAT, Joint, ServoRecord
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.builder import Builder
+from srl.runtime.profile.part import parsed
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 MARKS: Final = "servo-marks"
 _HAND: Final = "human-hand"

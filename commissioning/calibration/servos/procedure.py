@@ -13,11 +13,11 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from runtime.contracts.wearer import Drive, Instruction, Rest
-from runtime.control.servos import samples as marks
-from runtime.control.servos.fit import Seat, ServoError, refusals, seat
-from runtime.control.servos.samples import Samples, ServoMarksConfig, angles
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.servos import samples as marks
+from srl.commissioning.calibration.servos.fit import Seat, ServoError, refusals, seat
+from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig, angles
+from srl.runtime.contracts.wearer import Drive, Instruction, Rest
 
 _TURNS: Final = 100.0  # rad, beyond which nobody has said how far the servo goes
 _POSITIVE: Final = 0.5  # rad, by which a simulated person moves a joint whose second angle isn't known
@@ -57,7 +57,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
 
     step: Step
     task: str

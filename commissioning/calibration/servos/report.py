@@ -14,9 +14,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from runtime.calibration.picture import save
-from runtime.control.servos.fit import Seat, ServoError
-from runtime.control.servos.samples import ServoMarksConfig
+from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.servos.fit import Seat, ServoError
+from srl.commissioning.calibration.servos.samples import ServoMarksConfig
 
 
 @dataclass(frozen=True)

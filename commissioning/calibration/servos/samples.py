@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.options import Options
-from runtime.contracts.servo_record import Entry
-from runtime.contracts.signals import Array
-from runtime.control.servos.fit import ServoError, Thresholds
-from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.servos.fit import ServoError, Thresholds
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.servo_record import Entry
+from srl.runtime.contracts.signals import Array
 
 IDLE: Final = 0
 FIRST: Final = 100

@@ -15,9 +15,9 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.suit.segments import SuitError, along, back, chest, heading, product, tilt
+from srl.commissioning.calibration.suit.segments import SuitError, along, back, chest, heading, product, tilt
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 PER_MINUTE: Final = np.degrees(60.0)  # degrees a minute of a rad/s
 _FIXED: Final = 1e-4  # rad, by which a segment without a sensor doesn't turn in its parent

@@ -12,23 +12,24 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import device_cut, suit_report
-from runtime.calibration.cut import cut_devices
-from runtime.calibration.method import Method, Say, kept, settings
-from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.calibration.suit_report import Result
-from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
-from runtime.contracts.suit_record import FORMAT, SuitRecord
-from runtime.control.shared.marks import stretch_of
-from runtime.control.suit.fit import Thresholds, fit, refusals
-from runtime.control.suit.procedure import Procedure
-from runtime.control.suit.samples import Plan, Samples, SuitMarksConfig, joined, stands
-from runtime.control.suit.segments import SuitError, segments
-from runtime.ipc.layout import Layout
-from runtime.profile.graph import Graph
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration import device_cut
+from srl.commissioning.calibration.cut import cut_devices
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.suit import report as suit_report
+from srl.commissioning.calibration.suit.fit import Thresholds, fit, refusals
+from srl.commissioning.calibration.suit.procedure import Procedure
+from srl.commissioning.calibration.suit.report import Result
+from srl.commissioning.calibration.suit.samples import Plan, Samples, SuitMarksConfig, joined, stands
+from srl.commissioning.calibration.suit.segments import SuitError, segments
+from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
+from srl.runtime.contracts.suit_record import FORMAT, SuitRecord
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import Profile
+from srl.runtime.profile.source import Source
 
 NAME: Final = "suit"
 MARKS: Final = "suit-marks"

@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Rest, Return, Walk
-from runtime.control.shared.guided import Bar
-from runtime.control.suit.fit import Thresholds, pose_fault
-from runtime.control.suit.samples import IDLE, Plan, Samples, moved
-from runtime.control.suit.segments import back, heading, in_world, mean, product
+from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.suit.fit import Thresholds, pose_fault
+from srl.commissioning.calibration.suit.samples import IDLE, Plan, Samples, moved
+from srl.commissioning.calibration.suit.segments import back, heading, in_world, mean, product
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction, Rest, Return, Walk
 
 _POSE = {"n": "arms hanging, palms to the thighs", "t": "arms straight out, palms down"}
 
@@ -43,7 +43,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
 
     step: Step
     task: str

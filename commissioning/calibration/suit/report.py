@@ -14,10 +14,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from runtime.calibration.picture import save
-from runtime.control.suit.fit import PER_MINUTE, Suit
-from runtime.control.suit.samples import SuitMarksConfig
-from runtime.control.suit.segments import SuitError
+from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.suit.fit import PER_MINUTE, Suit
+from srl.commissioning.calibration.suit.samples import SuitMarksConfig
+from srl.commissioning.calibration.suit.segments import SuitError
 
 
 @dataclass(frozen=True)

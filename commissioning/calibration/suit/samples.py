@@ -12,12 +12,12 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.controller import ControllerConfig
-from runtime.contracts.options import Options
-from runtime.contracts.signals import Array
-from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
-from runtime.control.suit.fit import Stands, Thresholds
-from runtime.control.suit.segments import SuitError, in_world, mean
+from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.suit.fit import Stands, Thresholds
+from srl.commissioning.calibration.suit.segments import SuitError, in_world, mean
+from srl.runtime.contracts.controller import ControllerConfig
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 
 IDLE: Final = 0
 MOST: Final = 30  # stands

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.signals import Array
 
 
 class SuitError(SrlError):

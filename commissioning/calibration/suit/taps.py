@@ -9,11 +9,11 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.run_taps import RunTaps, marks_law, words
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.profile.profile import Profile
+from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.profile.profile import Profile
 
 
 class SuitMarks(Protocol):

@@ -17,24 +17,24 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.cut import cut_to, elements
-from runtime.calibration.method import Method, Say, kept, settings
-from runtime.calibration.order import Order
-from runtime.calibration.picture import save
-from runtime.calibration.suit_taps import SuitTaps
-from runtime.contracts.signals import Array
-from runtime.control.models import context
-from runtime.control.operation.demonstration import TaskError, TaskPath, Thresholds, path_of
-from runtime.control.operation.procedure import Plan, Procedure
-from runtime.control.operation.reach import MOST, Reach
-from runtime.control.operation.record import FORMAT, TaskRecord
-from runtime.control.operation.samples import IDLE, SHOWN, Samples, TaskMarksConfig
-from runtime.control.operation.worn import Worn
-from runtime.control.shared.marks import stretch_of
-from runtime.ipc.layout import Layout
-from runtime.profile.graph import Graph
-from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source
+from srl.commissioning.calibration.cut import cut_to, elements
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.suit.taps import SuitTaps
+from srl.commissioning.calibration.task.procedure import Plan, Procedure
+from srl.commissioning.calibration.task.samples import IDLE, SHOWN, Samples, TaskMarksConfig
+from srl.control.operation.demonstration import TaskError, TaskPath, Thresholds, path_of
+from srl.control.operation.reach import MOST, Reach
+from srl.control.operation.record import FORMAT, TaskRecord
+from srl.control.operation.worn import Worn
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.models.models import context
+from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.profile import ControllerEntry, Profile
+from srl.runtime.profile.source import Source
 
 LAW: Final = "independent-operation"
 MARKS: Final = "task-marks"

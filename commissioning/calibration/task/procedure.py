@@ -9,12 +9,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.options import Options
-from runtime.contracts.wearer import Instruction, Perform, Rest
-from runtime.control.operation import samples as marks
-from runtime.control.operation.demonstration import LONGEST
-from runtime.control.operation.samples import Samples
-from runtime.control.shared.guided import Bar
+from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.task import samples as marks
+from srl.commissioning.calibration.task.samples import Samples
+from srl.control.operation.demonstration import LONGEST
+from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.wearer import Instruction, Perform, Rest
 
 _MOVED = 0.05  # m from where it was first: the hand shows something
 _STILL = 0.02  # m within which a hand rests
@@ -50,7 +50,7 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `runtime.control.shared.guided.View`; `progress`: 0 to 1, of a step."""
+    """What a person is shown. Attributes as in `guided.View`; `progress`: 0 to 1, of a step."""
 
     step: Step
     task: str

@@ -10,10 +10,10 @@ from typing import Final
 
 from pydantic import Field
 
-from runtime.contracts.signals import Array
-from runtime.control.operation.options import IndependentOperationConfig
-from runtime.control.shared.marks import Indices, MarkLaw
-from runtime.control.shared.record_file import Name
+from srl.commissioning.calibration.marks import Indices, MarkLaw
+from srl.control.operation.options import IndependentOperationConfig
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.record_file import Name
 
 IDLE: Final = 0
 STILL: Final = 1

@@ -1,9 +1,9 @@
 """Descriptions of robots. Each is written once; the Pinocchio and MuJoCo models are made from it."""
 
-from runtime.control.robots.description import Capsule, Inertial, Joint, Payload, RobotDescription
-from runtime.control.robots.mecanum import SUMMIT_XL, MecanumBase
-from runtime.control.robots.panda import FR3, PANDA
-from runtime.control.robots.ur16e import UR16E
+from srl.runtime.models.robots.description import Capsule, Inertial, Joint, Payload, RobotDescription
+from srl.runtime.models.robots.mecanum import SUMMIT_XL, MecanumBase
+from srl.runtime.models.robots.panda import FR3, PANDA
+from srl.runtime.models.robots.ur16e import UR16E
 
 ARMS = {robot.name: robot for robot in (PANDA, FR3, UR16E)}
 

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.linkage import DARK, Color, Link, Linkage, Solid
-from runtime.contracts.rotation import Vector
-from runtime.control.skeleton.arms import Arms, Side
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.linkage import DARK, Color, Link, Linkage, Solid
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.models.skeleton.arms import Arms, Side
 
 _SERVO: Final = (0.018, 0.018, 0.025)  # m, half sizes of a servo
 _ROD: Final = 0.013  # m, radius of a link

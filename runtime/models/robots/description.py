@@ -13,8 +13,8 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.contracts.errors import OptionError
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.signals import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,14 @@ from math import pi
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.linkage import DARK, Color, Link, Linkage, Solid
-from runtime.contracts.rotation import Pose
-from runtime.contracts.signals import Array
-from runtime.control.models import FingerModel
-from runtime.control.robots.description import Capsule, RobotDescription, rot_x, trans
-from runtime.control.robots.mecanum import MecanumBase
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.linkage import DARK, Color, Link, Linkage, Solid
+from srl.runtime.contracts.rotation import Pose
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.models import FingerModel
+from srl.runtime.models.robots.description import Capsule, RobotDescription, rot_x, trans
+from srl.runtime.models.robots.mecanum import MecanumBase
 
 _PLATE = 0.004  # m, half of a flange's thickness
 _WHEEL = 0.05  # m, half of a wheel's width

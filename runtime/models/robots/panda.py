@@ -11,7 +11,7 @@ from dataclasses import replace
 from math import pi
 from typing import Final
 
-from runtime.control.robots.description import (
+from srl.runtime.models.robots.description import (
     Capsule,
     Joint,
     RobotDescription,

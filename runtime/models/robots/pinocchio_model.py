@@ -7,10 +7,10 @@ from typing import Any, Final
 import numpy as np
 import pinocchio as pin
 
-from runtime.contracts.gravity import DOWN
-from runtime.contracts.signals import Array
-from runtime.control.robots.description import Inertial, Payload, RobotDescription
-from runtime.control.robots.mecanum import MecanumBase
+from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots.description import Inertial, Payload, RobotDescription
+from srl.runtime.models.robots.mecanum import MecanumBase
 
 FLANGE: Final = "flange"
 

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.linkage import DARK, Link, Linkage, Solid
-from runtime.contracts.rotation import Pose, Vector
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.linkage import DARK, Link, Linkage, Solid
+from srl.runtime.contracts.rotation import Pose, Vector
 
 NAME: Final = "softhand"
 CLOSURE: Final = "closure"

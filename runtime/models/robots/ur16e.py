@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.control.robots.description import (
+from srl.runtime.models.robots.description import (
     Capsule,
     Joint,
     RobotDescription,

@@ -18,11 +18,11 @@ from xml.parsers import expat
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.linkage import DARK, Link, Linkage, Solid
-from runtime.contracts.rotation import Pose, Vector
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.linkage import DARK, Link, Linkage, Solid
+from srl.runtime.contracts.rotation import Pose, Vector
 
 FORMATS: Final = (".dae", ".stl", ".obj", ".glb", ".gltf")  # meshes that the viewer reads
 MOST: Final = 1000  # links

@@ -12,13 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.signals import Array
-from runtime.control.robots.description import Capsule, Inertial, Joint, RobotDescription, everywhere, trans
-from runtime.control.robots.urdf import UrdfJoint, UrdfTree
-from runtime.control.robots.urdf_link import Doubt, collision_shapes, inertial
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots.description import Capsule, Inertial, Joint, RobotDescription, everywhere, trans
+from srl.runtime.models.robots.urdf import UrdfJoint, UrdfTree
+from srl.runtime.models.robots.urdf_link import Doubt, collision_shapes, inertial
 
 STIFF: Final = 0.05  # rad or m, by which the greatest torque stretches a simulated drive; ours
 UNKNOWN_STIFFNESS: Final = 1000.0  # N m/rad, of a drive whose greatest torque nobody says; ours

@@ -10,11 +10,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import OptionError
-from runtime.contracts.signals import Array
-from runtime.control.robots.description import Capsule, Inertial
-from runtime.control.robots.urdf import numbers
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots.description import Capsule, Inertial
+from srl.runtime.models.robots.urdf import numbers
 
 Doubt = str
 _DENSEST: Final = 22600.0  # kg/m^3, osmium: no body of a mass has less inertia than a sphere of it

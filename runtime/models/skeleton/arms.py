@@ -7,9 +7,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from runtime.contracts.errors import OptionError
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.tree import Node
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.tree import Node
 
 Side = Literal["right", "left"]
 SIDES: Final[tuple[Side, ...]] = ("right", "left")  # in the order of the nodes

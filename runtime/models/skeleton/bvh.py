@@ -15,11 +15,11 @@ from typing import Final, NoReturn, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.files import read_regular
-from runtime.contracts.rotation import EulerQuaternions, Order, about_axis, euler_angles, matrices, product
-from runtime.contracts.signals import Array
-from runtime.control.skeleton.tree import Node, Tree
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.files import read_regular
+from srl.runtime.contracts.rotation import EulerQuaternions, Order, about_axis, euler_angles, matrices, product
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.tree import Node, Tree
 
 _AXES: Final = {"X": 0, "Y": 1, "Z": 2}
 MOST: Final = 1 << 28  # bytes that are read

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from runtime.service.fitness.finding import Finding, read
+from srl.runtime.service.fitness.finding import Finding, read
 
 NETWORK = Path("/sys/class/net")
 _SCHEME = "can://socketcan/"

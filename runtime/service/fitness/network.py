@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from runtime.service.fitness.can import NETWORK
-from runtime.service.fitness.finding import Finding, read
+from srl.runtime.service.fitness.can import NETWORK
+from srl.runtime.service.fitness.finding import Finding, read
 
 _ROUTES = Path("/proc/net/route")
 _UP, _GATEWAY, _REJECT = 0x1, 0x2, 0x200  # flags of a route, linux/route.h

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.contracts import compiled
-from runtime.loop.clock import MonotonicClock
-from runtime.loop.realtime import PRIORITY
-from runtime.service.fitness.finding import Finding, read
+from srl.runtime.contracts import compiled
+from srl.runtime.loop.clock import MonotonicClock
+from srl.runtime.loop.realtime import PRIORITY
+from srl.runtime.service.fitness.finding import Finding, read
 
 _CAP_IPC_LOCK = 14  # linux/capability.h
 _ENOUGH = 1 << 30  # bytes of locked memory
@@ -117,7 +117,7 @@ def laws() -> Finding:
         return Finding("laws and guards", "good", compiled.available())
     if compiled.is_old():
         # A checkout is built where it is; what is installed comes again.
-        checkout = Path(compiled.__file__).parents[2]
+        checkout = Path(compiled.__file__).resolve().parents[2]
         package = f"-e {shlex.quote(str(checkout))}" if (checkout / "native").exists() else "srl-runtime"
         return Finding(
             "laws and guards", "doubtful", compiled.missing(), "Python computes them. Install the package again",

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 
-from runtime.profile.ports import local_path
-from runtime.service.fitness.finding import Finding, read
-from runtime.service.serial_ports import holder, obstacle, usb_numbers
+from srl.runtime.profile.ports import local_path
+from srl.runtime.service.fitness.finding import Finding, read
+from srl.runtime.service.serial_ports import holder, obstacle, usb_numbers
 
 _RULES = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
 _INSTALL = (

@@ -7,10 +7,10 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.run_folder import RunFolder, base, check_owners, free_bytes
-from runtime.service.evidence import needed
-from runtime.service.fitness.finding import Finding
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.run_folder import RunFolder, base, check_owners, free_bytes
+from srl.runtime.service.evidence import needed
+from srl.runtime.service.fitness.finding import Finding
 
 SPARE = 16 << 20  # bytes in the run folder for what isn't rows
 LITTLE, LEAST = 2 << 30, 200 << 20  # bytes of disk: soon used up; too little for a recording to end well

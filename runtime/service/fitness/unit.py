@@ -12,7 +12,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from runtime.service.fitness.finding import Finding, read
+from srl.runtime.service.fitness.finding import Finding, read
 
 UNIT = "srl@.service"
 _FOLDERS = ("/usr/lib/systemd/system", "/lib/systemd/system", "/etc/systemd/system")

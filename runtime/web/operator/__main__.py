@@ -1,4 +1,4 @@
-"""`python -m runtime.operator RUN_FOLDER`: the process of the operator's panel."""
+"""`python -m srl.runtime.web.operator RUN_FOLDER`: the process of the operator's panel."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from runtime.ipc.run_folder import RunFolder
-from runtime.operator.server import OperatorServer
-from runtime.panel.process import run
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.operator.server import OperatorServer
+from srl.runtime.web.panel.process import run
 
 
 def main() -> int:
     """Serves until the input ends. Exit code 2: the run or the port isn't there."""
-    parser = argparse.ArgumentParser(prog="python -m runtime.operator")
+    parser = argparse.ArgumentParser(prog="python -m srl.runtime.web.operator")
     parser.add_argument("run_folder", type=Path)
     parser.add_argument("--recordings", type=Path, default=Path())
     parser.add_argument("--port", type=int, default=0)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from runtime.ipc.run_folder import RunFolder
-from runtime.panel.client import PageProcess
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel.client import PageProcess
 
 
 class OperatorPage(PageProcess):
     """The operator's panel of a running instance; a context manager."""
 
     called: ClassVar = "the panel"
-    module: ClassVar = "runtime.operator"
+    module: ClassVar = "srl.runtime.web.operator"
 
     def __init__(self, run_folder: RunFolder, recordings: Path | None = None, port: int = 0) -> None:
         """Starts the process. `recordings`: the folder whose recordings are shown. Raises HostError."""

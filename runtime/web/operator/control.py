@@ -14,7 +14,7 @@ import struct
 import time
 from typing import Final
 
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.run_folder import RunFolder
 
 LAPSE: Final = 3.0  # s without a sign of life, of the page or of its server, after which the control ends
 _TAKEN: Final = "Another `srl panel` of this run has control. Give it up on its page, or end that `srl panel`"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideReader, is_typed
-from runtime.ipc.run_folder import RunFolder
-from runtime.panel.peer import BadMessageError, number
+from srl.runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideReader, is_typed
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel.peer import BadMessageError, number
 
 GONE: Final = "guide_gone"  # there is none now
 LOOK: Final = 0.5  # s between looks whether one has come

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from runtime.bus.status import CAUSES
-from runtime.ipc import latches
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.words import (
+from srl.runtime.bus.status import CAUSES
+from srl.runtime.ipc import latches
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.words import (
     CYCLE,
     DEVICE,
     LINK_ACTIVE,

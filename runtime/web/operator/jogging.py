@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from runtime.contracts.terms import POSITION_OF
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.contracts.terms import POSITION_OF
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.run_folder import RunFolder
 
-LAW: Final = "jog"  # as `runtime.jog.cut` calls it
+LAW: Final = "jog"  # as `srl.commissioning.jog.cut` calls it
 GUIDED: Final = "servo-marks"  # beside it, of `srl calibrate PROFILE servos`
 WAY: Final = "terminal.way"
 

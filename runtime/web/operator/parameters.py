@@ -8,10 +8,10 @@ from typing import Any
 
 import zenoh
 
-from runtime.bus.client import Client, connect
-from runtime.contracts.errors import RequestError
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.bus.client import Client, connect
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.run_folder import RunFolder
 
 
 class Parameters:

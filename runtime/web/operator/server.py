@@ -17,19 +17,19 @@ from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.contracts.errors import SrlError
-from runtime.ipc import presses
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.events import EventReader
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE
-from runtime.operator import health, jogging
-from runtime.operator.control import LAPSE, Control
-from runtime.operator.guiding import Guiding
-from runtime.operator.parameters import Parameters
-from runtime.panel.peer import BadMessageError, Peer, number
-from runtime.panel.picture import PictureServer
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.ipc import presses
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.events import EventReader
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE
+from srl.runtime.web.operator import health, jogging
+from srl.runtime.web.operator.control import LAPSE, Control
+from srl.runtime.web.operator.guiding import Guiding
+from srl.runtime.web.operator.parameters import Parameters
+from srl.runtime.web.panel.peer import BadMessageError, Peer, number
+from srl.runtime.web.panel.picture import PictureServer
 
 MOVES: Final = ("start", "reset")
 FLOOD: Final = 400  # messages of a page within a second, above which it is let go; a held jog makes 60
@@ -237,7 +237,7 @@ class OperatorServer(PictureServer):
         name = str(self._view.layout.meta.get("name", ""))
         # In a process of its own: reading hours of rows here could keep a stop waiting.
         reader = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "runtime.operator.shelf", str(self._recordings), name,
+            sys.executable, "-m", "srl.runtime.web.operator.shelf", str(self._recordings), name,
             stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:

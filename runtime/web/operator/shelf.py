@@ -1,6 +1,7 @@
-"""`python -m runtime.operator.shelf FOLDER PROFILE`: the recordings of a profile as JSON, as `srl recordings` has them.
+"""`python -m srl.runtime.web.operator.shelf FOLDER PROFILE`: the recordings of a profile as JSON.
 
-Nothing here changes one. The panel's server runs it as a process of its own, behind everything else.
+They are those of `srl recordings`. Nothing here changes one. The panel's server runs it as a process of its own, behind
+everything else.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.contracts.errors import SrlError
-from runtime.recording.index import entries
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.recording.index import entries
 
 MOST: Final = 50  # recordings that a page is told, the newest
 

@@ -1,4 +1,4 @@
-"""`python -m runtime.panel RUN_FOLDER --signal SIGNAL`: the process of the participant's screen."""
+"""`python -m srl.runtime.web.panel RUN_FOLDER --signal SIGNAL`: the process of the participant's screen."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import argparse
 import sys
 from pathlib import Path
 
-from runtime.ipc.run_folder import RunFolder
-from runtime.panel.process import run
-from runtime.panel.server import Server
-from runtime.panel.source import Source
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel.process import run
+from srl.runtime.web.panel.server import Server
+from srl.runtime.web.panel.source import Source
 
 
 def main() -> int:
     """Serves until the input ends. Exit code 2: the signal, the run or the port isn't there."""
-    parser = argparse.ArgumentParser(prog="python -m runtime.panel")
+    parser = argparse.ArgumentParser(prog="python -m srl.runtime.web.panel")
     parser.add_argument("run_folder", type=Path)
     parser.add_argument("--signal", required=True)
     parser.add_argument("--span", type=float, nargs=2, default=(0.0, 1.0))

@@ -11,8 +11,8 @@ import time
 from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.run_folder import RunFolder
 
 START = 30.0  # s that the page's process may take to begin
 END = 3.0  # s that it may take to end
@@ -26,7 +26,7 @@ class PageProcess:
     """
 
     called: ClassVar = "the page"
-    module: ClassVar = "runtime.panel"
+    module: ClassVar = "srl.runtime.web.panel"
 
     def __init__(self, run_folder: RunFolder, options: Sequence[str] = (), port: int = 0) -> None:
         """Starts the process.

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from runtime.ipc.descriptors import raise_limit
+from srl.runtime.ipc.descriptors import raise_limit
 
 SHARE: Final = 32  # connections of one user: a browser has 6 and a websocket for each tab
 USERS: Final = 3  # that have a share of their own

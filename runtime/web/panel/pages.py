@@ -15,12 +15,12 @@ from typing import Any, ClassVar, Final
 
 from aiohttp import web
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.control_socket import send_note, send_request
-from runtime.ipc.run_folder import RunFolder
-from runtime.panel.access import HOST, Access
-from runtime.panel.door import Door
-from runtime.panel.peer import BadMessageError, Peer, number
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.control_socket import send_note, send_request
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel.access import HOST, Access
+from srl.runtime.web.panel.door import Door
+from srl.runtime.web.panel.peer import BadMessageError, Peer, number
 
 PAGE: Final = Path(__file__).parent / "page"
 POLL: Final = 0.004  # s between looks for new rows

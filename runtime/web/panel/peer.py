@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from aiohttp import WSMsgType, web
 
-from runtime.panel.access import PROTOCOL
+from srl.runtime.web.panel.access import PROTOCOL
 
 LONGEST: Final = 65536  # bytes of a message from a page
 PENDING: Final = 64  # messages that a page may be behind; then it is let go

@@ -8,23 +8,23 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.rows import Rows
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import State
-from runtime.panel.pages import KEEP, PageServer
-from runtime.panel.peer import Peer
-from runtime.profile.plots import Plot, joint_plots, profile_plots
-from runtime.recording.shapes import PALETTE, RAMP, colors, distance_colors
-from runtime.recording.solids import Solids
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.rows import Rows
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import State
+from srl.runtime.profile.plots import Plot, joint_plots, profile_plots
+from srl.runtime.recording.shapes import PALETTE, RAMP, colors, distance_colors
+from srl.runtime.recording.solids import Solids
+from srl.runtime.web.panel.pages import KEEP, PageServer
+from srl.runtime.web.panel.peer import Peer
 
 RATE: Final = 60.0  # pictures a second, at most
 TIMING: Final = Plot(title="Loop", unit="ms", lines={"period": "loop.period", "cycle": "loop.cycle"})
 
 
 class PictureServer(PageServer):
-    """Shows one instance to all its pages alike. `runtime.operator` adds what is beside the picture, and commands."""
+    """Shows one instance to all its pages alike. `srl.runtime.web.operator` adds the rest, and commands."""
 
     files: ClassVar = {
         "/": ("picture.html", "text/html"),

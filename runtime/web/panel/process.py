@@ -1,4 +1,4 @@
-"""What the process of a page does: it serves, and obeys whoever started it (`runtime.panel.client`).
+"""What the process of a page does: it serves, and obeys whoever started it (`srl.runtime.web.panel.client`).
 
 It takes commands from its standard input, one JSON object a line: {"address": true}; for the participant's screen
 {"trial": {...}}, {"abort": "why"}, too. It answers on its standard output: {"address": URL}, {"outcome": {...}},
@@ -17,10 +17,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from runtime.contracts.errors import SrlError
-from runtime.panel.pages import PageServer
-from runtime.panel.server import Server
-from runtime.panel.trial import ScreenTrial, Trial
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.web.panel.pages import PageServer
+from srl.runtime.web.panel.server import Server
+from srl.runtime.web.panel.trial import ScreenTrial, Trial
 
 LINE = 8 << 20  # bytes of a command, at most
 _SAYS = threading.Lock()  # an outcome is written by a thread: it is long

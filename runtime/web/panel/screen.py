@@ -6,11 +6,11 @@ import queue
 from dataclasses import asdict
 from typing import Any
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.run_folder import RunFolder
-from runtime.panel.client import END, PageProcess
-from runtime.panel.source import Source
-from runtime.panel.trial import ScreenTrial, Trial
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel.client import END, PageProcess
+from srl.runtime.web.panel.source import Source
+from srl.runtime.web.panel.trial import ScreenTrial, Trial
 
 
 class Screen(PageProcess):

@@ -7,11 +7,11 @@ import math
 import time
 from typing import Any, ClassVar
 
-from runtime.ipc.run_folder import RunFolder
-from runtime.panel.pages import KEEP, PageServer
-from runtime.panel.peer import BadMessageError, Peer, frame_rows, number
-from runtime.panel.session import Session
-from runtime.panel.source import Reading, Source
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel.pages import KEEP, PageServer
+from srl.runtime.web.panel.peer import BadMessageError, Peer, frame_rows, number
+from srl.runtime.web.panel.session import Session
+from srl.runtime.web.panel.source import Reading, Source
 
 
 class Server(PageServer):

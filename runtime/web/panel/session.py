@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.ipc.rows import Condition
-from runtime.panel.source import Reading
-from runtime.panel.trial import ScreenTrial, Trial, table
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.rows import Condition
+from srl.runtime.web.panel.source import Reading
+from srl.runtime.web.panel.trial import ScreenTrial, Trial, table
 
 LEAD = 0.1  # s from the key to the settling's beginning, so that the page knows it in time
 GRACE = 1.0  # s of silence that a trial bears

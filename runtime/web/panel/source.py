@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.rows import Condition, Rows
-from runtime.ipc.run_folder import RunFolder
-from runtime.profile.plots import pick
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.rows import Condition, Rows
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.profile.plots import pick
 
 
 @dataclass(frozen=True)

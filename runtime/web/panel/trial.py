@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from runtime.contracts.signals import Array
-from runtime.ipc import private_file
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc import private_file
 
 SAMPLES: Final = ("t", "target", "value")
 FRAMES: Final = ("t", "value", "age")

@@ -1,4 +1,4 @@
-"""`python -m runtime.viewing RUN_FOLDER`: shows a run live until it ends, and saves nothing.
+"""`python -m srl.runtime.web.viewing RUN_FOLDER`: shows a run live until it ends, and saves nothing.
 
 The supervisor starts it, and starts it again if it dies. Exit codes: 0 at the run's end; 2 if there is no run, no port
 or no viewer.
@@ -13,19 +13,19 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.contracts.errors import SrlError
-from runtime.ipc.child import Ending
-from runtime.ipc.run_folder import RunFolder
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.ipc.child import Ending
+from srl.runtime.ipc.run_folder import RunFolder
 
 if TYPE_CHECKING:  # it imports rerun, which takes long
-    from runtime.viewing.feed import Feed
+    from srl.runtime.web.viewing.feed import Feed
 
 
 def main() -> int:
     """Shows the run. Told to end, it does so once the loop is silent."""
     ending = Ending(interrupt=True)  # before the imports that take long
     os.nice(5)  # a machine that is too slow for both keeps the loop
-    parser = argparse.ArgumentParser(prog="python -m runtime.viewing")
+    parser = argparse.ArgumentParser(prog="python -m srl.runtime.web.viewing")
     parser.add_argument("run_folder", type=Path)
     options = parser.parse_args()
     try:
@@ -37,8 +37,8 @@ def main() -> int:
 
 
 async def _show(run: RunFolder, ending: Ending) -> None:
-    from runtime.viewing.assets import executable
-    from runtime.viewing.server import ViewerServer
+    from srl.runtime.web.viewing.assets import executable
+    from srl.runtime.web.viewing.server import ViewerServer
 
     executable()  # raises what is missing before an address is printed
     server = ViewerServer(run)
@@ -56,7 +56,7 @@ async def _show(run: RunFolder, ending: Ending) -> None:
 
 
 def _feed(run: RunFolder, ending: Ending) -> Feed:
-    from runtime.viewing.feed import Feed
+    from srl.runtime.web.viewing.feed import Feed
 
     return Feed(run, ending)
 

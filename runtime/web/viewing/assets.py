@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.errors import RecordingError
 
 HOST: Final = "127.0.0.1"
 PATIENCE: Final = 30.0  # s for the binary to serve; it has 290 MB to be read

@@ -11,13 +11,13 @@ import threading
 from collections import deque
 from typing import Final, Generic, TypeVar
 
-from runtime.ipc.child import Ending
-from runtime.ipc.run_folder import RunFolder
-from runtime.recorder.scene import Thinned
-from runtime.recorder.stream import Stream
-from runtime.recorder.tail import Batch, Tail
-from runtime.recording.framing import HEADER, strip
-from runtime.viewing.mark import Mark
+from srl.runtime.ipc.child import Ending
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.recorder.scene import Thinned
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.recorder.tail import Batch, Tail
+from srl.runtime.recording.framing import HEADER, strip
+from srl.runtime.web.viewing.mark import Mark
 
 KEPT: Final = 32 << 20  # bytes of rows of the past that a page which is opened late, or is slow, still gets
 KEPT_TOLD: Final = 8 << 20  # bytes of states and events, the same

@@ -1,4 +1,4 @@
-"""The server of `--view`: rerun's viewer, fed over the page's own websocket, behind the doors of `runtime.panel`.
+"""The server of `--view`: rerun's viewer, fed over the page's own websocket, behind the doors of `web.panel`.
 
 A page that draws slowly must not show the past as if it were now. So it gets one part of the stream after another, each
 when it has drawn the one before: nothing old waits in the browser. It is told how the run is, and says itself how old
@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from aiohttp import web
 
-from runtime.contracts.errors import SrlError
-from runtime.ipc.rows import Condition, Rows
-from runtime.ipc.run_folder import RunFolder
-from runtime.panel.pages import KEEP, PageServer
-from runtime.panel.peer import Peer
-from runtime.viewing.assets import Assets, extract
-from runtime.viewing.mark import Mark
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.ipc.rows import Condition, Rows
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel.pages import KEEP, PageServer
+from srl.runtime.web.panel.peer import Peer
+from srl.runtime.web.viewing.assets import Assets, extract
+from srl.runtime.web.viewing.mark import Mark
 
 if TYPE_CHECKING:  # it imports rerun, which takes long
-    from runtime.viewing.feed import Feed
+    from srl.runtime.web.viewing.feed import Feed
 
 HEARTBEAT: Final = 60.0  # s: without a graphics card the viewer may draw for long, and begins anew if it is let go
 LAST: Final = 2.0  # s that the pages get for the run's last rows

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from drivers.ati_netft import AtiNetFt
-from drivers.ati_netft.config import AtiNetFtConfig
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions
+from srl.drivers.ati_netft import AtiNetFt
+from srl.drivers.ati_netft.config import AtiNetFtConfig
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions
 
 COUNTS = 1_000_000  # per N and per N m, the usual values
 

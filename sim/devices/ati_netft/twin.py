@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from drivers.ati_netft.protocol import Record, Request, parse_request, record
-from drivers.ati_netft.status import LATCHED, SATURATED, family
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake
-from sim.devices.ati_netft.fake import COUNTS, FakeAtiNetFt, FakeAtiNetFtOptions
-from sim.devices.ati_netft.twin_pages import Commands, Pages
-from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from srl.drivers.ati_netft.protocol import Record, Request, parse_request, record
+from srl.drivers.ati_netft.status import LATCHED, SATURATED, family
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.ati_netft.fake import COUNTS, FakeAtiNetFt, FakeAtiNetFtOptions
+from srl.sim.devices.ati_netft.twin_pages import Commands, Pages
+from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 
 _CATCH_UP = 0.5  # s; most records sent at once. Older samples were never taken in time.
 _SUMMARY = 1 << 31

@@ -7,8 +7,8 @@ from typing import Final, Protocol
 from urllib.parse import parse_qsl, urlsplit
 from xml.etree.ElementTree import Element, SubElement, tostring
 
-from drivers.ati_netft import settings
-from runtime.contracts.signals import Array
+from srl.drivers.ati_netft import settings
+from srl.runtime.contracts.signals import Array
 
 COMMAND: Final = 20  # bytes of each TCP request
 _LONGEST: Final = 8192  # bytes of a request's header

@@ -8,15 +8,15 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from drivers.base import BaseConfig, MobileBase, protocol
-from drivers.base.config import TOP_SPEED, TOP_TURN
-from drivers.base.driver import COMMAND, FARTHEST, PRESSED
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.signals import Array, Stop
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.devices.shared.windows import Windows, inside, rising
-from sim.parts.robots.summit_xl import SummitXlPart
+from srl.drivers.base import BaseConfig, MobileBase, protocol
+from srl.drivers.base.config import TOP_SPEED, TOP_TURN
+from srl.drivers.base.driver import COMMAND, FARTHEST, PRESSED
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.parts.robots.summit_xl import SummitXlPart
 
 WATCHDOG: Final = 500_000_000  # ns without a command after which the robot stops (protocol sheet, section 1)
 WATCH: Final = 50_000_000  # ns of world time between two checks of the watchdog

@@ -7,12 +7,12 @@ import os
 import time
 from typing import Any, Final
 
-from drivers.base import BaseConfig, protocol
-from runtime.contracts.world import Fake
-from runtime.messages import attachment, cdr
-from sim.devices.base.fake import FakeBase
-from sim.devices.shared.sockets import SocketTwin
-from sim.devices.zenoh.twin import Arrival, ZenohDoor
+from srl.drivers.base import BaseConfig, protocol
+from srl.runtime.contracts.world import Fake
+from srl.runtime.messages import attachment, cdr
+from srl.sim.devices.base.fake import FakeBase
+from srl.sim.devices.shared.sockets import SocketTwin
+from srl.sim.devices.zenoh.twin import Arrival, ZenohDoor
 
 LATE: Final = 500_000_000  # ns; a command whose stamp is older, or that far in the future, is refused
 EMERGENCY_PERIOD: Final = 100_000_000  # ns between reports of the emergency stop

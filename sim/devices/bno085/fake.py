@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from drivers.bno085 import Bno085, Bno085Config
-from drivers.bno085.protocol import WRAP, Record
-from drivers.bno085.reading import MG, Reading
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.rotation import euler_angles, matrices, normalised
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.inertial import HALF, InertialFake, InertialOptions
+from srl.drivers.bno085 import Bno085, Bno085Config
+from srl.drivers.bno085.protocol import WRAP, Record
+from srl.drivers.bno085.reading import MG, Reading
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.rotation import euler_angles, matrices, normalised
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.inertial import HALF, InertialFake, InertialOptions
 
 _LARGEST: Final = 32767  # of an int16
 

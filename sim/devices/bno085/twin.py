@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.bno085.protocol import encode
-from runtime.contracts.world import Fake
-from sim.devices.bno085.fake import FakeBno085, record
-from sim.devices.shared.serial import SerialTwin
+from srl.drivers.bno085.protocol import encode
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.bno085.fake import FakeBno085, record
+from srl.sim.devices.shared.serial import SerialTwin
 
 BANNER: Final = b"%Hillcrest Labs 10003608\n\r%SW Ver 3.2.7\n\r%(c) 2017 Hillcrest Laboratories, Inc.\n\r"
 _CATCH_UP: Final = 20  # most frames sent at once; older ones were never taken in time

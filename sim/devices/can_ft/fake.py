@@ -8,13 +8,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from drivers.can_ft import CanFt
-from drivers.can_ft.driver import CanFtConfig
-from drivers.can_ft.protocol import DIVISORS
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions, Range
+from srl.drivers.can_ft import CanFt
+from srl.drivers.can_ft.driver import CanFtConfig
+from srl.drivers.can_ft.protocol import DIVISORS
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions, Range
 
 _REMEMBERED = 0.9  # s of past samples that the filter uses; a sample is kept for 1 s
 Model = Literal["RFT40-SA01", "RFT44-SB01", "RFT60-HA01", "RFT64-SB01", "RFT76-HA01", "RFT82-HA02", "RFT80-6A01"]

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import can
 
-from drivers.can_ft.driver import CanFtConfig
-from drivers.can_ft.protocol import AXES, CUTOFFS, FRAME, RATES, Command, Record, record, response
-from runtime.contracts.world import Fake
-from sim.devices.can_ft.fake import FakeCanFt
-from sim.devices.shared.can import CanTwin
+from srl.drivers.can_ft.driver import CanFtConfig
+from srl.drivers.can_ft.protocol import AXES, CUTOFFS, FRAME, RATES, Command, Record, record, response
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.can_ft.fake import FakeCanFt
+from srl.sim.devices.shared.can import CanTwin
 
 _CATCH_UP = 0.5  # s; most records sent at once
 _FIRMWARE = "SIM 1.0"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from drivers.cubemars_servo import CubemarsServo
-from drivers.cubemars_servo.config import CubemarsServoConfig
-from runtime.contracts.errors import WiringError
-from sim.devices.cubemars_servo.firmware import ServoNode
-from sim.devices.shared.can_drives import FakeDrives
+from srl.drivers.cubemars_servo import CubemarsServo
+from srl.drivers.cubemars_servo.config import CubemarsServoConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.sim.devices.cubemars_servo.firmware import ServoNode
+from srl.sim.devices.shared.can_drives import FakeDrives
 
 
 class FakeCubemarsServo(FakeDrives):

@@ -13,12 +13,12 @@ from typing import Final
 
 import can
 
-from drivers.cubemars_servo import protocol
-from drivers.cubemars_servo.config import CubemarsServoConfig, ServoAxis
-from drivers.cubemars_servo.protocol import Mode
-from sim.devices.shared.can_drives import Node
-from sim.parts.actuators.chain import ActuatorChain
-from sim.parts.actuators.motors import SLACK, STAGE_BIT, VOLTAGE_BIT, WINDING_BIT
+from srl.drivers.cubemars_servo import protocol
+from srl.drivers.cubemars_servo.config import CubemarsServoConfig, ServoAxis
+from srl.drivers.cubemars_servo.protocol import Mode
+from srl.sim.devices.shared.can_drives import Node
+from srl.sim.parts.actuators.chain import ActuatorChain
+from srl.sim.parts.actuators.motors import SLACK, STAGE_BIT, VOLTAGE_BIT, WINDING_BIT
 
 _BITS: Final = {WINDING_BIT: 1, STAGE_BIT: 6, VOLTAGE_BIT: 4}
 _REACH: Final = 0.2  # rad of error at which the position loop gives the peak torque

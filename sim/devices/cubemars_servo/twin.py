@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from runtime.contracts.world import Fake
-from sim.devices.cubemars_servo.fake import FakeCubemarsServo
-from sim.devices.cubemars_servo.firmware import ServoNode
-from sim.devices.shared.can_drives import DrivesTwin
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.cubemars_servo.fake import FakeCubemarsServo
+from srl.sim.devices.cubemars_servo.firmware import ServoNode
+from srl.sim.devices.shared.can_drives import DrivesTwin
 
 
 class CubemarsServoTwin(DrivesTwin):

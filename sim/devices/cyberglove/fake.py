@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from drivers.cyberglove import CyberGlove, calibration
-from drivers.cyberglove.calibration import Calibration
-from drivers.cyberglove.driver import CyberGloveConfig
-from drivers.cyberglove.protocol import LABELS, LABELS_22
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError, ProfileError, nearest
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
-from sim.parts.hand.human_hand import HumanHandPart
-from sim.wearer.joints import GLOVE_OF_HAND
+from srl.drivers.cyberglove import CyberGlove, calibration
+from srl.drivers.cyberglove.calibration import Calibration
+from srl.drivers.cyberglove.driver import CyberGloveConfig
+from srl.drivers.cyberglove.protocol import LABELS, LABELS_22
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceLostError, ProfileError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.sim.parts.hand.human_hand import HumanHandPart
+from srl.sim.wearer.joints import GLOVE_OF_HAND
 
 _CATCH_UP: Final = 100  # most samples counted in one read
 _LOOK_BACK: Final = 10  # samples; more than are lost in a row

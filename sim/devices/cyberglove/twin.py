@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.world import Fake
-from sim.devices.cyberglove.fake import FakeCyberGlove
-from sim.devices.cyberglove.twin_commands import Commands
-from sim.devices.shared.dialing import DialingDoor
-from sim.devices.shared.serial import SerialTwin
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.cyberglove.fake import FakeCyberGlove
+from srl.sim.devices.cyberglove.twin_commands import Commands
+from srl.sim.devices.shared.dialing import DialingDoor
+from srl.sim.devices.shared.serial import SerialTwin
 
 _CATCH_UP = 50  # most records sent at once; older samples were never taken in time
 

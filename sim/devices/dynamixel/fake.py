@@ -8,20 +8,20 @@ from typing import Annotated, Any, Final
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from drivers.dynamixel import Dynamixel
-from drivers.dynamixel.config import AxisConfig, DynamixelConfig
-from drivers.dynamixel.family import Family, Family2, family
-from drivers.dynamixel.faults import BEYOND, FAR, Faults
-from drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceLostError, WiringError, nearest
-from runtime.contracts.signals import Array, Kind, Stop
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
-from sim.parts.dynamixel.chain import DynamixelChain, ServoChain
-from sim.parts.dynamixel.motors import Motors
-from sim.world.cell import Cell
+from srl.drivers.dynamixel import Dynamixel
+from srl.drivers.dynamixel.config import AxisConfig, DynamixelConfig
+from srl.drivers.dynamixel.family import Family, Family2, family
+from srl.drivers.dynamixel.faults import BEYOND, FAR, Faults
+from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
+from srl.runtime.contracts.signals import Array, Kind, Stop
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.sim.parts.dynamixel.chain import DynamixelChain, ServoChain
+from srl.sim.parts.dynamixel.motors import Motors
+from srl.sim.world.cell import Cell
 
 REBOOT: Final = 300_000_000  # ns that a servo takes to reboot
 _MODES: Final = {"position": POSITION, "extended": EXTENDED, "velocity": VELOCITY, "effort": CURRENT}

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from drivers.dynamixel import protocol1, protocol2
-from drivers.dynamixel.config import DynamixelConfig
-from drivers.dynamixel.family import RETURN_DELAY
-from drivers.dynamixel.packets import BROADCAST, Instruction
-from drivers.dynamixel.table import baud_code, baudrate
-from runtime.contracts.world import Fake
-from sim.devices.dynamixel.fake import REBOOT, FakeDynamixel
-from sim.devices.dynamixel.twin_line import ServoLine
-from sim.devices.dynamixel.twin_registers import Registers
-from sim.devices.dynamixel.twin_servo1 import Servo1
-from sim.devices.dynamixel.twin_servo2 import Servo2
+from srl.drivers.dynamixel import protocol1, protocol2
+from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.drivers.dynamixel.family import RETURN_DELAY
+from srl.drivers.dynamixel.packets import BROADCAST, Instruction
+from srl.drivers.dynamixel.table import baud_code, baudrate
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.dynamixel.fake import REBOOT, FakeDynamixel
+from srl.sim.devices.dynamixel.twin_line import ServoLine
+from srl.sim.devices.dynamixel.twin_registers import Registers
+from srl.sim.devices.dynamixel.twin_servo1 import Servo1
+from srl.sim.devices.dynamixel.twin_servo2 import Servo2
 
 _KEPT: Final[dict[bytes, tuple[str, ...]]] = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}
 

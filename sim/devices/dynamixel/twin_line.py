@@ -7,9 +7,9 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, Final
 
-from drivers.dynamixel.packets import Instruction
-from runtime.contracts.world import Fake
-from sim.devices.shared.serial import SerialTwin
+from srl.drivers.dynamixel.packets import Instruction
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.shared.serial import SerialTwin
 
 _RATES_AGREE: Final = 0.02  # share by which the two ends of a line may differ
 _SPEEDS: Final = {

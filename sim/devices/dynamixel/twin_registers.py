@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from drivers.dynamixel.models import CENTRE, Model
-from drivers.dynamixel.table import POSITION, Register, table
-from sim.parts.dynamixel.motors import Motors
+from srl.drivers.dynamixel.models import CENTRE, Model
+from srl.drivers.dynamixel.table import POSITION, Register, table
+from srl.sim.parts.dynamixel.motors import Motors
 
 
 class Registers(ABC):

@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel import protocol1
-from drivers.dynamixel.family import CURRENT1, VELOCITY1
-from drivers.dynamixel.models import CENTRE
-from drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY
-from sim.devices.dynamixel.twin_registers import REVERSE, Registers, whole
-from sim.parts.dynamixel.motors import HEAT_BIT, OVERLOAD_BIT, VOLTAGE_BIT
+from srl.drivers.dynamixel import protocol1
+from srl.drivers.dynamixel.family import CURRENT1, VELOCITY1
+from srl.drivers.dynamixel.models import CENTRE
+from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY
+from srl.sim.devices.dynamixel.twin_registers import REVERSE, Registers, whole
+from srl.sim.parts.dynamixel.motors import HEAT_BIT, OVERLOAD_BIT, VOLTAGE_BIT
 
 FULL_PWM: Final = 1023
 _ACCELERATION: Final = np.radians(8.583)  # rad/s^2 per unit

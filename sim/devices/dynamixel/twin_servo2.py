@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.dynamixel import protocol2
-from drivers.dynamixel.family import CURRENT2, VELOCITY2
-from drivers.dynamixel.table import CURRENT, CURRENT_POSITION, EXTENDED, POSITION, PWM, VELOCITY
-from sim.devices.dynamixel.twin_registers import REVERSE, RPM, Registers
+from srl.drivers.dynamixel import protocol2
+from srl.drivers.dynamixel.family import CURRENT2, VELOCITY2
+from srl.drivers.dynamixel.table import CURRENT, CURRENT_POSITION, EXTENDED, POSITION, PWM, VELOCITY
+from srl.sim.devices.dynamixel.twin_registers import REVERSE, RPM, Registers
 
 FULL_PWM: Final = 885
 _ACCELERATION: Final = 214.577 * RPM / 60  # rad/s^2 per unit

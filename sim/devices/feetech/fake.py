@@ -7,22 +7,22 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from drivers.dynamixel.faults import BEYOND, FAR
-from drivers.dynamixel.models import PER_COUNT
-from drivers.feetech import Feetech
-from drivers.feetech.config import FeetechConfig
-from drivers.feetech.faults import FeetechFaults, Watch
-from drivers.feetech.table import END, TABLE
-from drivers.feetech.units import CURRENT, VOLT, FeetechUnits
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array, Stop
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.dynamixel.fake import numbers
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
-from sim.parts.dynamixel.motors import EXTENDED, POSITION, Motors
-from sim.parts.feetech.chain import FeetechChain
+from srl.drivers.dynamixel.faults import BEYOND, FAR
+from srl.drivers.dynamixel.models import PER_COUNT
+from srl.drivers.feetech import Feetech
+from srl.drivers.feetech.config import FeetechConfig
+from srl.drivers.feetech.faults import FeetechFaults, Watch
+from srl.drivers.feetech.table import END, TABLE
+from srl.drivers.feetech.units import CURRENT, VOLT, FeetechUnits
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.dynamixel.fake import numbers
+from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.sim.parts.dynamixel.motors import EXTENDED, POSITION, Motors
+from srl.sim.parts.feetech.chain import FeetechChain
 
 _COMMAND = "position_command"
 _ERRORS = 0x2F  # the bits of a servo's errors that this bus has

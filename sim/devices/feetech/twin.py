@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from drivers.dynamixel.packets import Instruction
-from drivers.feetech import protocol
-from drivers.feetech.config import FeetechConfig
-from drivers.feetech.table import BAUDS
-from drivers.feetech.units import RETURN_DELAY
-from runtime.contracts.world import Fake
-from sim.devices.dynamixel.twin_line import ServoLine
-from sim.devices.feetech.fake import FakeFeetech
-from sim.devices.feetech.twin_servo import Servo
+from srl.drivers.dynamixel.packets import Instruction
+from srl.drivers.feetech import protocol
+from srl.drivers.feetech.config import FeetechConfig
+from srl.drivers.feetech.table import BAUDS
+from srl.drivers.feetech.units import RETURN_DELAY
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.dynamixel.twin_line import ServoLine
+from srl.sim.devices.feetech.fake import FakeFeetech
+from srl.sim.devices.feetech.twin_servo import Servo
 
 POWER_UP: Final = 300_000_000  # ns from power to the first answer
 _NAMES: Final = {

@@ -9,12 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel.models import COUNTS, PER_COUNT
-from drivers.feetech.models import Model
-from drivers.feetech.table import END, SEVERAL_TURNS, TABLE, Word
-from drivers.feetech.units import CURRENT, VOLT
-from sim.parts.dynamixel.motors import EXTENDED, OVERLOAD_BIT, VELOCITY
-from sim.parts.feetech.motors import GAIN, FeetechMotors
+from srl.drivers.dynamixel.models import COUNTS, PER_COUNT
+from srl.drivers.feetech.models import Model
+from srl.drivers.feetech.table import END, SEVERAL_TURNS, TABLE, Word
+from srl.drivers.feetech.units import CURRENT, VOLT
+from srl.sim.parts.dynamixel.motors import EXTENDED, OVERLOAD_BIT, VELOCITY
+from srl.sim.parts.feetech.motors import GAIN, FeetechMotors
 
 CENTRE_HERE: Final = 128  # written to the torque enable: the present position becomes 2048
 _ACCELERATION: Final = 100 * PER_COUNT  # rad/s^2 per unit

@@ -10,16 +10,16 @@ from typing import Annotated, Final, Protocol, cast
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field
 
-from drivers.firmata import Firmata
-from drivers.firmata.config import Calibration, FirmataConfig
-from drivers.firmata.driver import COMMAND
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import DeviceLostError, WiringError, nearest
-from runtime.contracts.signals import Array, Stop
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
-from sim.parts.hand.servos import Servos
+from srl.drivers.firmata import Firmata
+from srl.drivers.firmata.config import Calibration, FirmataConfig
+from srl.drivers.firmata.driver import COMMAND
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.sim.parts.hand.servos import Servos
 
 _NEUTRAL: Final = 1500  # us, pulse width of an attached servo before its first command
 

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from sim.devices.firmata.twin_input import Input, Received
+from srl.sim.devices.firmata.twin_input import Input, Received
 
 PINS: Final = 20
 MAX_SERVOS: Final = 12

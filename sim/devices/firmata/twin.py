@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.firmata.config import FirmataConfig
-from runtime.contracts.world import Fake
-from sim.devices.firmata.fake import FakeFirmata
-from sim.devices.firmata.standard_firmata import BOOT, StandardFirmata
-from sim.devices.shared.serial import SerialTwin
+from srl.drivers.firmata.config import FirmataConfig
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.firmata.fake import FakeFirmata
+from srl.sim.devices.firmata.standard_firmata import BOOT, StandardFirmata
+from srl.sim.devices.shared.serial import SerialTwin
 
 
 class FirmataTwin(SerialTwin):

@@ -7,13 +7,13 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator
 
-from drivers.gamepad import Gamepad, GamepadConfig
-from drivers.gamepad.driver import AXES, BUTTONS
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.drivers.gamepad import Gamepad, GamepadConfig
+from srl.drivers.gamepad.driver import AXES, BUTTONS
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 
 Points = tuple[tuple[float, float], ...]
 

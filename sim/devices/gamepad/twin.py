@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.evdev import AxisInfo, Description
-from drivers.gamepad.driver import BUTTONS, D_MODE, HAT, STICKS, TRIGGERS, VENDOR, X_MODE
-from runtime.contracts.world import Fake
-from sim.devices.gamepad.fake import FakeGamepad
-from sim.devices.shared.evdev import EventTwin
+from srl.drivers.evdev import AxisInfo, Description
+from srl.drivers.gamepad.driver import BUTTONS, D_MODE, HAT, STICKS, TRIGGERS, VENDOR, X_MODE
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.gamepad.fake import FakeGamepad
+from srl.sim.devices.shared.evdev import EventTwin
 
 _STICK: Final = (-32768, 32767, 16, 128)  # minimum, maximum, fuzz, flat
 

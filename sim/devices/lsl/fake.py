@@ -9,16 +9,16 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from drivers.lsl import Lsl, LslConfig
-from drivers.lsl.match import Picked
-from drivers.lsl.rows import Rows
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import AnyWorldFake, SensorOptions
-from sim.devices.shared.surface_emg import SurfaceEmg, muscles
-from sim.devices.shared.windows import Windows, inside, rising
+from srl.drivers.lsl import Lsl, LslConfig
+from srl.drivers.lsl.match import Picked
+from srl.drivers.lsl.rows import Rows
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import AnyWorldFake, SensorOptions
+from srl.sim.devices.shared.surface_emg import SurfaceEmg, muscles
+from srl.sim.devices.shared.windows import Windows, inside, rising
 
 _AT_ONCE: Final = 32  # samples of EMG that are made together
 

@@ -11,14 +11,14 @@ import socket
 from functools import cache
 from typing import Any, Final
 
-from drivers.lsl.process import configuration
-from drivers.lsl.units import factor
-from runtime.contracts.errors import HostError, RequestError
-from runtime.contracts.reach import refuse_strangers
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake, Twin
-from sim.devices.lsl.fake import FakeLsl
-from sim.devices.shared.windows import Plug
+from srl.drivers.lsl.process import configuration
+from srl.drivers.lsl.units import factor
+from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.contracts.reach import refuse_strangers
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake, Twin
+from srl.sim.devices.lsl.fake import FakeLsl
+from srl.sim.devices.shared.windows import Plug
 
 _CONFINE: Final = "Run it in a network namespace: unshare -rn sh -c 'ip link set lo up; srl twin ...'"
 _CATCH_UP: Final = 0.5  # s of samples that are sent late; then they are left out

@@ -10,11 +10,11 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from drivers.mit_can import protocol
-from drivers.mit_can.config import MitCanConfig
-from drivers.mit_can.models import Range
-from drivers.mit_can.protocol import READ, STATE, TICK, WRITE, Register
-from sim.parts.actuators.motors import (
+from srl.drivers.mit_can import protocol
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.drivers.mit_can.models import Range
+from srl.drivers.mit_can.protocol import READ, STATE, TICK, WRITE, Register
+from srl.sim.parts.actuators.motors import (
     NOTHING,
     OFF,
     SILENCE_BIT,

@@ -8,18 +8,18 @@ from typing import Annotated
 import can
 from pydantic import AfterValidator, Field
 
-from drivers.canbus import CanLink
-from drivers.mit_can import MitCan
-from drivers.mit_can.config import MitCanConfig
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceLostError, WiringError, nearest
-from runtime.contracts.signals import Array, Stop
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.dynamixel.fake import numbers
-from sim.devices.mit_can.drives import Drives
-from sim.devices.shared.memory_can import MemoryCan
-from sim.devices.shared.windows import Windows, inside, require_cell, rising
-from sim.parts.actuators.chain import ActuatorChain
+from srl.drivers.canbus import CanLink
+from srl.drivers.mit_can import MitCan
+from srl.drivers.mit_can.config import MitCanConfig
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.dynamixel.fake import numbers
+from srl.sim.devices.mit_can.drives import Drives
+from srl.sim.devices.shared.memory_can import MemoryCan
+from srl.sim.devices.shared.windows import Windows, inside, require_cell, rising
+from srl.sim.parts.actuators.chain import ActuatorChain
 
 Gone = Annotated[Windows, AfterValidator(rising)]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import can
 
-from runtime.contracts.world import Fake
-from sim.devices.mit_can.fake import FakeMitCan
-from sim.devices.shared.can import CanTwin
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.mit_can.fake import FakeMitCan
+from srl.sim.devices.shared.can import CanTwin
 
 
 class MitCanTwin(CanTwin):

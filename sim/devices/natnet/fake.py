@@ -8,14 +8,14 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from drivers.capture.names import Segment, Subject
-from drivers.natnet import NatNet, NatNetConfig
-from drivers.natnet.protocol import Version
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.cameras import Cameras, CamerasConfig
-from sim.parts.body.body import BodyPart
+from srl.drivers.capture.names import Segment, Subject
+from srl.drivers.natnet import NatNet, NatNetConfig
+from srl.drivers.natnet.protocol import Version
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.cameras import Cameras, CamerasConfig
+from srl.sim.parts.body.body import BodyPart
 
 _BONES: Final = (sqrt(0.5), -sqrt(0.5), 0.0, 0.0)  # x left, z up, y back in the suit's x left, y up, z forward
 

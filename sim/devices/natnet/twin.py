@@ -8,17 +8,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.capture.names import Point, Subject
-from drivers.natnet import protocol
-from drivers.natnet.frame import EDITED, MODEL_CHANGED, UNLABELLED, Body, Marker, MotiveFrame
-from drivers.natnet.model import BodyModel, Model
-from drivers.natnet.protocol import MalformedError, Message, ServerInfo, Version
-from runtime.contracts.rotation import Quaternion, conjugate, turned
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake
-from sim.devices.natnet import twin_frame as encode
-from sim.devices.natnet.fake import FakeNatNet
-from sim.devices.shared.sockets import SocketTwin, UdpDoor
+from srl.drivers.capture.names import Point, Subject
+from srl.drivers.natnet import protocol
+from srl.drivers.natnet.frame import EDITED, MODEL_CHANGED, UNLABELLED, Body, Marker, MotiveFrame
+from srl.drivers.natnet.model import BodyModel, Model
+from srl.drivers.natnet.protocol import MalformedError, Message, ServerInfo, Version
+from srl.runtime.contracts.rotation import Quaternion, conjugate, turned
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.natnet import twin_frame as encode
+from srl.sim.devices.natnet.fake import FakeNatNet
+from srl.sim.devices.shared.sockets import SocketTwin, UdpDoor
 
 FREQUENCY: Final = 10_000_000  # Hz, of the performance counter
 GROUP: Final = "239.255.42.99"

@@ -6,9 +6,9 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from drivers.natnet.frame import BODY, COUNTED, MARKER, POINT, PTP, SUFFIX, TAIL, Body, Marker, MotiveFrame
-from drivers.natnet.model import MARKER_SET, NAMED, RIGID_BODY, SIZED, SKELETON, TURNED, BodyModel, Model
-from drivers.natnet.protocol import Message, Version, packet
+from srl.drivers.natnet.frame import BODY, COUNTED, MARKER, POINT, PTP, SUFFIX, TAIL, Body, Marker, MotiveFrame
+from srl.drivers.natnet.model import MARKER_SET, NAMED, RIGID_BODY, SIZED, SKELETON, TURNED, BodyModel, Model
+from srl.drivers.natnet.protocol import Message, Version, packet
 
 _I32: Final = struct.Struct("<i")
 _NO_PARENT: Final = -1

@@ -8,17 +8,17 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from drivers.noitom import Noitom, NoitomConfig
-from drivers.noitom.pose import Pose
-from drivers.noitom.protocol import Frame
-from drivers.noitom.skeleton import JOINTS, is_finger
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.rotation import Quaternion, conjugate, euler_angles, matrices, product, turned
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.parts.body.body import BodyPart
+from srl.drivers.noitom import Noitom, NoitomConfig
+from srl.drivers.noitom.pose import Pose
+from srl.drivers.noitom.protocol import Frame
+from srl.drivers.noitom.skeleton import JOINTS, is_finger
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.rotation import Quaternion, conjugate, euler_angles, matrices, product, turned
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.parts.body.body import BodyPart
 
 _SIZE: Final = 3 + 4 * JOINTS  # position of the hips and the rotation of every joint; bones don't change
 DECIMALS: Final = 4  # of the text format

@@ -9,11 +9,11 @@ from urllib.parse import urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.noitom.protocol import encode_binary, encode_text
-from drivers.noitom.skeleton import JOINTS
-from runtime.contracts.world import Fake
-from sim.devices.noitom.fake import FakeNoitom
-from sim.devices.shared.sockets import SocketTwin, TcpDoor, UdpDoor
+from srl.drivers.noitom.protocol import encode_binary, encode_text
+from srl.drivers.noitom.skeleton import JOINTS
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.noitom.fake import FakeNoitom
+from srl.sim.devices.shared.sockets import SocketTwin, TcpDoor, UdpDoor
 
 _KEPT: Final = 0.4  # s of frames sent together after the software has been busy; older ones are dropped
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from drivers.odrive import Odrive
-from drivers.odrive.config import OdriveConfig
-from runtime.contracts.errors import WiringError
-from sim.devices.odrive.firmware import OdriveNode
-from sim.devices.shared.can_drives import FakeDrives
+from srl.drivers.odrive import Odrive
+from srl.drivers.odrive.config import OdriveConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.sim.devices.odrive.firmware import OdriveNode
+from srl.sim.devices.shared.can_drives import FakeDrives
 
 
 class FakeOdrive(FakeDrives):

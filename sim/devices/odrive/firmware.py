@@ -13,14 +13,14 @@ from typing import Final
 
 import can
 
-from drivers.odrive import protocol
-from drivers.odrive.config import Endpoints, OdriveAxis, OdriveConfig
-from drivers.odrive.protocol import CLOSED_LOOP, IDLE, Command
-from drivers.odrive.units import Scale
-from drivers.odrive.words import WATCHDOG
-from sim.devices.shared.can_drives import Node
-from sim.parts.actuators.chain import ActuatorChain
-from sim.parts.actuators.motors import OFF, SILENCE_BIT, STAGE_BIT, VOLTAGE_BIT, WINDING_BIT
+from srl.drivers.odrive import protocol
+from srl.drivers.odrive.config import Endpoints, OdriveAxis, OdriveConfig
+from srl.drivers.odrive.protocol import CLOSED_LOOP, IDLE, Command
+from srl.drivers.odrive.units import Scale
+from srl.drivers.odrive.words import WATCHDOG
+from srl.sim.devices.shared.can_drives import Node
+from srl.sim.parts.actuators.chain import ActuatorChain
+from srl.sim.parts.actuators.motors import OFF, SILENCE_BIT, STAGE_BIT, VOLTAGE_BIT, WINDING_BIT
 
 BEAT: Final = 100_000_000  # ns between two heartbeats
 ESTIMATES: Final = 10_000_000  # ns between two estimates

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from runtime.contracts.world import Fake
-from sim.devices.odrive.fake import FakeOdrive
-from sim.devices.odrive.firmware import OdriveNode
-from sim.devices.shared.can_drives import DrivesTwin
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.odrive.fake import FakeOdrive
+from srl.sim.devices.odrive.firmware import OdriveNode
+from srl.sim.devices.shared.can_drives import DrivesTwin
 
 
 class OdriveTwin(DrivesTwin):

@@ -1,6 +1,6 @@
 """The controller of a simulated Franka robot: modes, motions, reflexes, in steps of one millisecond. No wire.
 
-Source: protocol sheet franka-fci, sections 4 to 7. `sim.devices.panda.twin` lists the facts that the sheet leaves
+Source: protocol sheet franka-fci, sections 4 to 7. `srl.sim.devices.panda.twin` lists the facts that the sheet leaves
 open and this simulation chooses.
 """
 
@@ -13,16 +13,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from drivers.panda.packets import ERRORS, Controller, Generator, RobotMode, error_names
-from drivers.panda.protocol import Status
-from drivers.panda.requests import Body, Move, SetLoad
-from runtime.contracts.compiled import bind_or_python, undone
-from runtime.contracts.signals import Array
-from runtime.control.robots import FR3, PANDA, Payload
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from sim.devices.panda.felt import Felt
-from sim.devices.panda.motion import DT, LOST_IN_A_ROW, JointGenerator, Reception, Setpoint, limits_of, torque_error
-from sim.devices.panda.settings import Settings
+from srl.drivers.panda.packets import ERRORS, Controller, Generator, RobotMode, error_names
+from srl.drivers.panda.protocol import Status
+from srl.drivers.panda.requests import Body, Move, SetLoad
+from srl.runtime.contracts.compiled import bind_or_python, undone
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import FR3, PANDA, Payload
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.sim.devices.panda.felt import Felt
+from srl.sim.devices.panda.motion import DT, LOST_IN_A_ROW, JointGenerator, Reception, Setpoint, limits_of, torque_error
+from srl.sim.devices.panda.settings import Settings
 
 RECOVERY: Final = 20  # ms, duration of automatic error recovery
 START: Final = 500  # ms in which a client must send its first packet before lost packets count

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.panda import Panda
-from drivers.panda.config import PandaConfig
-from drivers.panda.limits import BY_VERSION
-from drivers.panda.motion import Motion, Phase
-from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Reply, Status
-from drivers.panda.requests import Move
-from drivers.panda.state import Modes, StateReader
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.panda.robot import TICK, FakePandaConfig, PandaRobot
-from sim.devices.shared.windows import inside, refuse_while_gone
+from srl.drivers.panda import Panda
+from srl.drivers.panda.config import PandaConfig
+from srl.drivers.panda.limits import BY_VERSION
+from srl.drivers.panda.motion import Motion, Phase
+from srl.drivers.panda.packets import RobotMode
+from srl.drivers.panda.protocol import Reply, Status
+from srl.drivers.panda.requests import Move
+from srl.drivers.panda.state import Modes, StateReader
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.panda.robot import TICK, FakePandaConfig, PandaRobot
+from srl.sim.devices.shared.windows import inside, refuse_while_gone
 
 UNWRITTEN: Final = 3  # number of states without `write` after which the driver ends a motion
 _WORDS: Final = {

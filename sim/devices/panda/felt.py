@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 import pinocchio as pin
 
-from runtime.contracts.compiled import bind_or_python, numbers
-from runtime.contracts.signals import Array
-from runtime.control.robots.description import RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from sim.devices.panda.motion import DT
-from sim.devices.panda.settings import Settings
+from srl.runtime.contracts.compiled import bind_or_python, numbers
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots.description import RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.sim.devices.panda.motion import DT
+from srl.sim.devices.panda.settings import Settings
 
 FILTER: Final = 1 - np.exp(-2 * np.pi * 50.0 * DT)  # of the external torques: 50 Hz
 ROUNDING: Final = 1e-4  # added to J J^T: near a singularity some forces can't be estimated

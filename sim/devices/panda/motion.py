@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.panda.limits import DT, FR3, PANDA, TORQUE_RATE
-from drivers.panda.packets import Generator
-from runtime.contracts.signals import Array
+from srl.drivers.panda.limits import DT, FR3, PANDA, TORQUE_RATE
+from srl.drivers.panda.packets import Generator
+from srl.runtime.contracts.signals import Array
 
 LOST_IN_A_ROW: Final = 20  # packets
 WINDOW: Final = 100  # packets over which the success rate is computed

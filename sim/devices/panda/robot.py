@@ -11,15 +11,15 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator
 
-from drivers.panda.packets import RobotMode, command_dtype
-from runtime.contracts.errors import WiringError
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.panda.controller import PandaController
-from sim.devices.panda.motion import Setpoint
-from sim.devices.panda.state import Sensors, StateWriter
-from sim.devices.shared.windows import Windows, inside, rising
-from sim.parts.robots.panda import PandaPart
-from sim.world.cell import Cell
+from srl.drivers.panda.packets import RobotMode, command_dtype
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.panda.controller import PandaController
+from srl.sim.devices.panda.motion import Setpoint
+from srl.sim.devices.panda.state import Sensors, StateWriter
+from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.parts.robots.panda import PandaPart
+from srl.sim.world.cell import Cell
 
 TICK: Final = 1_000_000  # ns
 _BLOCK: Final = 128  # number of ticks whose random numbers are drawn together

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.panda.requests import (
+from srl.drivers.panda.requests import (
     Body,
     SetCartesianImpedance,
     SetCollisionBehavior,
@@ -23,7 +23,7 @@ from drivers.panda.requests import (
     SetLoad,
     SetNEToEE,
 )
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 STIFFEST_JOINT: Final = 14250.0  # N m/rad
 CARTESIAN_STIFFNESS: Final = ((10.0, 3000.0), (1.0, 300.0))  # N/m, N m/rad

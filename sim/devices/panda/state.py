@@ -6,13 +6,13 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from drivers.panda.packets import ROOM, RobotMode, state_dtype
-from runtime.contracts.compiled import bind_or_python, numbers
-from runtime.contracts.gravity import DOWN
-from runtime.contracts.signals import Array
-from sim.devices.panda.controller import FLIP, PandaController
-from sim.devices.panda.motion import DT
-from sim.parts.robots.arm import ArmPart
+from srl.drivers.panda.packets import ROOM, RobotMode, state_dtype
+from srl.runtime.contracts.compiled import bind_or_python, numbers
+from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.panda.controller import FLIP, PandaController
+from srl.sim.devices.panda.motion import DT
+from srl.sim.parts.robots.arm import ArmPart
 
 _BLOCK: Final = 128  # number of ticks whose random numbers are drawn together
 

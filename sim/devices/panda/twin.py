@@ -19,11 +19,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from runtime.contracts.world import Fake
-from sim.devices.panda.fake import FakePanda
-from sim.devices.panda.robot import Heard
-from sim.devices.panda.twin_requests import Session
-from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.panda.fake import FakePanda
+from srl.sim.devices.panda.robot import Heard
+from srl.sim.devices.panda.twin_requests import Session
+from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 
 
 class PandaTwin(SocketTwin):

@@ -13,8 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from runtime.contracts.signals import Array
-from runtime.control.robots import PANDA
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA
 
 _done: dict[str, bytes] = {}  # shared objects by their source
 

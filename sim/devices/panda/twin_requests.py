@@ -9,9 +9,9 @@ import struct
 from collections import Counter
 from typing import Final
 
-from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Reply, Request, RequestParser, Status, connect_reply, encode_reply, statuses
-from drivers.panda.requests import (
+from srl.drivers.panda.packets import RobotMode
+from srl.drivers.panda.protocol import Reply, Request, RequestParser, Status, connect_reply, encode_reply, statuses
+from srl.drivers.panda.requests import (
     AutomaticErrorRecovery,
     Connect,
     GetCartesianLimit,
@@ -20,9 +20,9 @@ from drivers.panda.requests import (
     Move,
     StopMove,
 )
-from sim.devices.panda.robot import PandaRobot
-from sim.devices.panda.twin_library import Build
-from sim.devices.panda.twin_urdf import urdf
+from srl.sim.devices.panda.robot import PandaRobot
+from srl.sim.devices.panda.twin_library import Build
+from srl.sim.devices.panda.twin_urdf import urdf
 
 _X64_LINUX: Final = (0, 0)
 _LIMIT: Final = struct.Struct("<3d16d?")  # extents, pose, active

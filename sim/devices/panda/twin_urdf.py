@@ -10,12 +10,12 @@ from __future__ import annotations
 from functools import cache
 from xml.etree.ElementTree import Element, tostring
 
-from runtime.contracts.rotation import euler_angles
-from runtime.contracts.signals import Array
-from runtime.control.robots import FR3, PANDA
-from runtime.control.robots.description import Inertial
-from sim.devices.panda.motion import limits_of
-from sim.world.mjcf import add
+from srl.runtime.contracts.rotation import euler_angles
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import FR3, PANDA
+from srl.runtime.models.robots.description import Inertial
+from srl.sim.devices.panda.motion import limits_of
+from srl.sim.world.mjcf import add
 
 
 @cache

@@ -6,12 +6,12 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from drivers.replay import Replay, ReplayConfig
-from drivers.replay.driver import Player
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.drivers.replay import Replay, ReplayConfig
+from srl.drivers.replay.driver import Player
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 
 
 class FakeReplayOptions(FakeConfig):

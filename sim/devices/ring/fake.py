@@ -6,12 +6,12 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from drivers.debounce import Debounced
-from drivers.ring import Ring, RingConfig
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.drivers.debounce import Debounced
+from srl.drivers.ring import Ring, RingConfig
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 
 _Windows = Annotated[Windows, AfterValidator(rising)]
 

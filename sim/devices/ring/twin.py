@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from drivers.evdev import Description
-from drivers.ring.driver import RingConfig
-from drivers.ring.serial_ring import ASK
-from runtime.contracts.world import Fake, Twin
-from sim.devices.ring.fake import FakeRing
-from sim.devices.shared.evdev import EventTwin
-from sim.devices.shared.serial import SerialTwin
+from srl.drivers.evdev import Description
+from srl.drivers.ring.driver import RingConfig
+from srl.drivers.ring.serial_ring import ASK
+from srl.runtime.contracts.world import Fake, Twin
+from srl.sim.devices.ring.fake import FakeRing
+from srl.sim.devices.shared.evdev import EventTwin
+from srl.sim.devices.shared.serial import SerialTwin
 
 _HEARTBEAT = 100_000_000  # ns
 

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from drivers.capture.config import CaptureConfig
-from drivers.capture.names import Subject
-from drivers.capture.selection import refuse, select
-from drivers.capture.view import View
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, WiringError, nearest
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.scene import Scene
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.devices.shared.windows import Windows, inside, rising
-from sim.parts.body.subject import MocapSubject
+from srl.drivers.capture.config import CaptureConfig
+from srl.drivers.capture.names import Subject
+from srl.drivers.capture.selection import refuse, select
+from srl.drivers.capture.view import View
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceError, WiringError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.scene import Scene
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.parts.body.subject import MocapSubject
 
 _LEVER: Final = 0.05  # m between markers: position noise divided by it is the orientation's noise
 _ENOUGH: Final = 3  # markers needed to find a segment

@@ -7,10 +7,10 @@ from abc import abstractmethod
 
 import can
 
-from drivers.canbus import CanLink, open_can
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.world import Fake, Twin
-from sim.devices.shared.windows import Windows, inside
+from srl.drivers.canbus import CanLink, open_can
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.world import Fake, Twin
+from srl.sim.devices.shared.windows import Windows, inside
 
 GROUP = "239.74.163.2"  # python-can's default group for its multicast bus
 

@@ -13,17 +13,17 @@ from typing import Annotated, ClassVar
 import can
 from pydantic import AfterValidator, Field
 
-from drivers.can_axes.driver import CanAxes
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Array, Stop
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.can import CanTwin
-from sim.devices.shared.memory_can import MemoryCan
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
-from sim.parts.actuators.chain import ActuatorChain
-from sim.parts.actuators.motors import ActuatorMotors
+from srl.drivers.can_axes.driver import CanAxes
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.can import CanTwin
+from srl.sim.devices.shared.memory_can import MemoryCan
+from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.sim.parts.actuators.chain import ActuatorChain
+from srl.sim.parts.actuators.motors import ActuatorMotors
 
 
 class FakeDrivesConfig(FakeConfig):

@@ -13,10 +13,10 @@ import tempfile
 from abc import abstractmethod
 from pathlib import Path
 
-from drivers.evdev.records import EV_SYN, RECORD, SYN_DROPPED, Description, encode
-from runtime.contracts.errors import HostError
-from runtime.contracts.world import Fake, Twin
-from sim.devices.shared.windows import Windows, inside
+from srl.drivers.evdev.records import EV_SYN, RECORD, SYN_DROPPED, Description, encode
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.contracts.world import Fake, Twin
+from srl.sim.devices.shared.windows import Windows, inside
 
 
 class EventTwin(Twin):

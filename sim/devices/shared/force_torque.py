@@ -7,14 +7,14 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import WiringError
-from runtime.contracts.per_element import PerElement, Positive
-from runtime.contracts.signals import Array
-from runtime.contracts.terms import WRENCH
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.parts.things.ft_sensor import FtSensorPart, Vector6
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.per_element import PerElement, Positive
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.terms import WRENCH
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.parts.things.ft_sensor import FtSensorPart, Vector6
 
 Range = Annotated[tuple[Positive, Positive, Positive, Positive, Positive, Positive], PerElement(WRENCH)]
 

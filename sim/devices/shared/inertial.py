@@ -7,15 +7,15 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from drivers.serial_imu import SerialImuConfig, expire
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.contracts.rotation import exp, from_rpy, product
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.devices.shared.windows import Windows, inside, rising
-from sim.parts.things.imu import ImuPart
+from srl.drivers.serial_imu import SerialImuConfig, expire
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.contracts.rotation import exp, from_rpy, product
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.parts.things.imu import ImuPart
 
 Tilt = Annotated[tuple[Finite, Finite], PerElement(("x", "y"))]
 HALF = 0.5  # a small rotation is twice the vector part of its quaternion

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import can
 
-from drivers.canbus import MOST, CanLink
-from runtime.contracts.errors import DeviceLostError
+from srl.drivers.canbus import MOST, CanLink
+from srl.runtime.contracts.errors import DeviceLostError
 
 
 def _nothing(at_once: bool) -> list[can.Message]:

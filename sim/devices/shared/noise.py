@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 _BLOCK: Final = 128  # number of samples whose random numbers are drawn together
 

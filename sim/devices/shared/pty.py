@@ -10,7 +10,7 @@ import termios
 import tty
 from pathlib import Path
 
-from runtime.contracts.errors import HostError
+from srl.runtime.contracts.errors import HostError
 
 CHUNK = 4096
 

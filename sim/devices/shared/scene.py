@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.capture.names import Marker, Segment, Subject
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.frames import IDENTITY, as_pose
-from runtime.contracts.rotation import Quaternion, composed, homogeneous, inverted
-from runtime.contracts.signals import Array
-from sim.parts.body.subject import MocapSubject
-from sim.world.cell import Cell
+from srl.drivers.capture.names import Marker, Segment, Subject
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.frames import IDENTITY, as_pose
+from srl.runtime.contracts.rotation import Quaternion, composed, homogeneous, inverted
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.body.subject import MocapSubject
+from srl.sim.world.cell import Cell
 
 
 class Scene:

@@ -9,14 +9,14 @@ from typing import Annotated, ClassVar, Final
 
 from pydantic import AfterValidator, Field
 
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceLostError, WiringError
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
-from sim.world.cell import Cell
-from sim.world.samples import Samples
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.sim.world.cell import Cell
+from srl.sim.world.samples import Samples
 
 _CATCH_UP: Final = 100  # most samples counted in one read
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.world import Fake, Twin
-from sim.devices.shared.dialing import DialingDoor
-from sim.devices.shared.pty import PtyDoor
-from sim.devices.shared.windows import Plug
+from srl.runtime.contracts.world import Fake, Twin
+from srl.sim.devices.shared.dialing import DialingDoor
+from srl.sim.devices.shared.pty import PtyDoor
+from srl.sim.devices.shared.windows import Plug
 
 
 class SerialTwin(Twin):

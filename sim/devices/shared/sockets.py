@@ -11,9 +11,9 @@ import termios
 from abc import abstractmethod
 from typing import Any, Final
 
-from runtime.contracts.errors import HostError
-from runtime.contracts.world import Fake, Twin
-from sim.devices.shared.windows import Plug
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.contracts.world import Fake, Twin
+from srl.sim.devices.shared.windows import Plug
 
 CHUNK: Final = 65536
 CHUNKS: Final = 64  # most chunks in one read

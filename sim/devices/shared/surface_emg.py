@@ -7,10 +7,10 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array
-from runtime.contracts.world import World
-from sim.world.cell import Cell
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import World
+from srl.sim.world.cell import Cell
 
 _BLOCK: Final = 2048  # number of samples whose noise is made together
 _TAPS: Final = 101

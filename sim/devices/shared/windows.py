@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 
-from runtime.contracts.errors import DeviceError, WiringError
-from runtime.contracts.world import Fake, World
-from sim.world.cell import Cell
+from srl.runtime.contracts.errors import DeviceError, WiringError
+from srl.runtime.contracts.world import Fake, World
+from srl.sim.world.cell import Cell
 
 Windows = tuple[tuple[float, float], ...]
 

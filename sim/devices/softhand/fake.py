@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from drivers.softhand import SoftHand
-from drivers.softhand.config import USUAL, SoftHandConfig
-from drivers.softhand.driver import COMMAND
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.signals import Array, Stop
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.parts.robots.softhand import CLOSED, SoftHandPart
+from srl.drivers.softhand import SoftHand
+from srl.drivers.softhand.config import USUAL, SoftHandConfig
+from srl.drivers.softhand.driver import COMMAND
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.parts.robots.softhand import CLOSED, SoftHandPart
 
 CURRENT_NOISE: Final = 0.005  # A per encoder tick of noise
 

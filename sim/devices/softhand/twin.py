@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.softhand import protocol
-from drivers.softhand.config import SoftHandConfig
-from drivers.softhand.protocol import Cmd, Frame, Parser
-from runtime.contracts.world import Fake
-from sim.devices.shared.serial import SerialTwin
-from sim.devices.softhand.fake import FakeSoftHand
+from srl.drivers.softhand import protocol
+from srl.drivers.softhand.config import SoftHandConfig
+from srl.drivers.softhand.protocol import Cmd, Frame, Parser
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.shared.serial import SerialTwin
+from srl.sim.devices.softhand.fake import FakeSoftHand
 
 SERIAL = 20_26_01
 _ACK, _REFUSED = b"\x01\x01", b"\x00\x00"

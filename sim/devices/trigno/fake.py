@@ -8,15 +8,15 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from drivers.trigno import Trigno, TrignoConfig
-from drivers.trigno.envelope import Envelope
-from drivers.trigno.protocol import FRAME, RANGE, RATE, SLOTS
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError, WiringError, nearest
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.surface_emg import Muscles, SurfaceEmg, muscles
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.drivers.trigno import Trigno, TrignoConfig
+from srl.drivers.trigno.envelope import Envelope
+from srl.drivers.trigno.protocol import FRAME, RANGE, RATE, SLOTS
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.sim.devices.shared.surface_emg import Muscles, SurfaceEmg, muscles
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 
 IN_FRAME: Final = 27  # samples in a frame
 _CATCH_UP: Final = 80  # most frames in one read

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.trigno.protocol import END, SLOTS, encode
-from runtime.contracts.world import Fake
-from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
-from sim.devices.trigno.fake import FakeTrigno
+from srl.drivers.trigno.protocol import END, SLOTS, encode
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from srl.sim.devices.trigno.fake import FakeTrigno
 
 BANNER: Final = b"Delsys Trigno System Digital Protocol Version 3.6.0 " + END
 _CATCH_UP: Final = 75  # most frames sent at once: the number that a server stores for a second

@@ -9,15 +9,15 @@ from typing import Any, Final, Protocol
 import numpy as np
 import pinocchio as pin
 
-from drivers.ur.models import REACH
-from drivers.ur.registers import CYCLE
-from drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, SafetyMode
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from sim.devices.ur.force_mode import ForceMode
-from sim.devices.ur.kinematics import Kinematics, placement, vector
-from sim.devices.ur.motion import Motion
-from sim.parts.robots.arm import ArmPart
+from srl.drivers.ur.models import REACH
+from srl.drivers.ur.registers import CYCLE
+from srl.drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, SafetyMode
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.ur.force_mode import ForceMode
+from srl.sim.devices.ur.kinematics import Kinematics, placement, vector
+from srl.sim.devices.ur.motion import Motion
+from srl.sim.parts.robots.arm import ArmPart
 
 _PAYLOAD: Final = 30.0  # kg
 _POWERING: Final = 100  # cycles from POWER_OFF to IDLE, and from IDLE to RUNNING; a real arm takes seconds

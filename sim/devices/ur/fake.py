@@ -9,20 +9,20 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from drivers.ur import Ur, UrConfig
-from drivers.ur.declaration import fault as fault_of
-from drivers.ur.declaration import measured, remark
-from drivers.ur.registers import CYCLE, ScriptState
-from drivers.ur.sample import Words, fill_pose
-from drivers.ur.status import RobotBits, RobotMode, SafetyMode
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceError, WiringError
-from runtime.contracts.signals import Array, Stop
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.devices.shared.windows import Windows, inside, rising
-from sim.devices.ur.controller import UrController
-from sim.parts.robots.arm import ArmPart
+from srl.drivers.ur import Ur, UrConfig
+from srl.drivers.ur.declaration import fault as fault_of
+from srl.drivers.ur.declaration import measured, remark
+from srl.drivers.ur.registers import CYCLE, ScriptState
+from srl.drivers.ur.sample import Words, fill_pose
+from srl.drivers.ur.status import RobotBits, RobotMode, SafetyMode
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceError, WiringError
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.devices.ur.controller import UrController
+from srl.sim.parts.robots.arm import ArmPart
 
 # A sample holds the measured values, the controller's targets, and the controller's memory. So a restored world
 # restores the controller, too.

@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from drivers.ur.registers import CYCLE
-from runtime.contracts.signals import Array
-from sim.devices.ur.kinematics import Kinematics, bounded, placement
+from srl.drivers.ur.registers import CYCLE
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.ur.kinematics import Kinematics, bounded, placement
 
 _MASS: Final = np.repeat((10.0, 0.5), 3)  # kg, kg m^2
 _PLAIN: Final = 2  # the frame is taken as it is

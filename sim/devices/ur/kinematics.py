@@ -13,10 +13,10 @@ from typing import Any, Final, cast
 import numpy as np
 import pinocchio as pin
 
-from drivers.ur.models import REACH
-from runtime.contracts.signals import Array
-from runtime.control.robots import RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.drivers.ur.models import REACH
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 
 _TURNS: Final = 40  # Newton steps of one search
 _STEP: Final = 1.0  # rad, longest of them

@@ -14,9 +14,9 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from drivers.ur.registers import CYCLE
-from runtime.contracts.signals import Array
-from sim.devices.ur.kinematics import Kinematics, bounded, placement
+from srl.drivers.ur.registers import CYCLE
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.ur.kinematics import Kinematics, bounded, placement
 
 _SERVO_ACCELERATION: Final = 40.0  # rad/s^2
 _SERVO_GAIN: Final = 300.0  # gain at which servoj lags by its lookahead

@@ -7,18 +7,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.ur.config import DASHBOARD, RTDE, UrConfig
-from drivers.ur.status import RuntimeState
-from runtime.contracts.world import Fake
-from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
-from sim.devices.ur.fake import FakeUr, FakeUrConfig
-from sim.devices.ur.twin_dashboard import DashboardServer
-from sim.devices.ur.twin_expressions import ScriptError
-from sim.devices.ur.twin_functions import Refusals
-from sim.devices.ur.twin_program_text import Programs, name_of
-from sim.devices.ur.twin_programs import UrScriptProgram
-from sim.devices.ur.twin_registers import Registers
-from sim.devices.ur.twin_rtde import RtdeServer
+from srl.drivers.ur.config import DASHBOARD, RTDE, UrConfig
+from srl.drivers.ur.status import RuntimeState
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from srl.sim.devices.ur.fake import FakeUr, FakeUrConfig
+from srl.sim.devices.ur.twin_dashboard import DashboardServer
+from srl.sim.devices.ur.twin_expressions import ScriptError
+from srl.sim.devices.ur.twin_functions import Refusals
+from srl.sim.devices.ur.twin_program_text import Programs, name_of
+from srl.sim.devices.ur.twin_programs import UrScriptProgram
+from srl.sim.devices.ur.twin_registers import Registers
+from srl.sim.devices.ur.twin_rtde import RtdeServer
 
 _CATCH_UP: Final = 50  # most samples sent at once
 _SCRIPT_PORTS: Final = (30001, 30002, 30003)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.ur.dashboard import GREETING, Lines
-from drivers.ur.status import RobotMode, SafetyMode
-from sim.devices.shared.sockets import Client, TcpDoor
-from sim.devices.ur.controller import UrController
+from srl.drivers.ur.dashboard import GREETING, Lines
+from srl.drivers.ur.status import RobotMode, SafetyMode
+from srl.sim.devices.shared.sockets import Client, TcpDoor
+from srl.sim.devices.ur.controller import UrController
 
 
 class DashboardServer:

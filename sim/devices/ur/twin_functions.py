@@ -12,13 +12,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from drivers.ur.models import REACH
-from drivers.ur.registers import CYCLE
-from runtime.contracts.signals import Array
-from sim.devices.ur.controller import UrController
-from sim.devices.ur.kinematics import bounded, placement, vector
-from sim.devices.ur.twin_expressions import Pose, ScriptError
-from sim.devices.ur.twin_registers import Registers
+from srl.drivers.ur.models import REACH
+from srl.drivers.ur.registers import CYCLE
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.ur.controller import UrController
+from srl.sim.devices.ur.kinematics import bounded, placement, vector
+from srl.sim.devices.ur.twin_expressions import Pose, ScriptError
+from srl.sim.devices.ur.twin_registers import Registers
 
 _ORIGIN: Final = (0.0,) * 6
 _REFUSED: Final = {

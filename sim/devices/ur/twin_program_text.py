@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from sim.devices.ur.twin_expressions import tokens
+from srl.sim.devices.ur.twin_expressions import tokens
 
 _PROGRAM: Final = re.compile(r"(?:def|sec)\s+(\w+)\s*\(")
 _OPENS: Final = re.compile(r"\s*(?:def|sec|thread|while|for|if|struct)\b")

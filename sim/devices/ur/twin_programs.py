@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from drivers.ur.registers import CYCLE
-from sim.devices.ur.controller import UrController
-from sim.devices.ur.kinematics import placement, vector
-from sim.devices.ur.twin_expressions import Pose, ScriptError
-from sim.devices.ur.twin_functions import Refusals, functions, near_angles
-from sim.devices.ur.twin_registers import Registers
-from sim.devices.ur.twin_script import Script
-from sim.devices.ur.twin_statements import Thread, Wait
+from srl.drivers.ur.registers import CYCLE
+from srl.sim.devices.ur.controller import UrController
+from srl.sim.devices.ur.kinematics import placement, vector
+from srl.sim.devices.ur.twin_expressions import Pose, ScriptError
+from srl.sim.devices.ur.twin_functions import Refusals, functions, near_angles
+from srl.sim.devices.ur.twin_registers import Registers
+from srl.sim.devices.ur.twin_script import Script
+from srl.sim.devices.ur.twin_statements import Thread, Wait
 
 SERVO_GAIN: Final = 300.0
 _LONGEST: Final = 3600.0  # s, longest duration of a motion that has an end

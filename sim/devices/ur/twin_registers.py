@@ -9,12 +9,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from drivers.ur.recipe import register
-from drivers.ur.status import RobotMode, SafetyMode
-from runtime.contracts.gravity import DOWN
-from runtime.contracts.signals import Array
-from sim.devices.ur import fake
-from sim.devices.ur.controller import UrController
+from srl.drivers.ur.recipe import register
+from srl.drivers.ur.status import RobotMode, SafetyMode
+from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.ur import fake
+from srl.sim.devices.ur.controller import UrController
 
 _KEPT: Final = 500  # cycles whose registers are stored, for samples that are sent late
 _OUTPUTS: Final = {"standard_digital_output": 0, "configurable_digital_output": 8, "tool_digital_output": 16}

@@ -6,12 +6,12 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from drivers.ur import rtde
-from drivers.ur.recipe import IN_USE, NOT_FOUND, Recipe, input_type, output_type
-from drivers.ur.rtde import Kind, Message, Parser
-from runtime.contracts.signals import Array
-from sim.devices.shared.sockets import Client, TcpDoor
-from sim.devices.ur.twin_registers import Registers
+from srl.drivers.ur import rtde
+from srl.drivers.ur.recipe import IN_USE, NOT_FOUND, Recipe, input_type, output_type
+from srl.drivers.ur.rtde import Kind, Message, Parser
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.shared.sockets import Client, TcpDoor
+from srl.sim.devices.ur.twin_registers import Registers
 
 _RATE = 500.0
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from sim.devices.ur.twin_expressions import ScriptError
-from sim.devices.ur.twin_program_text import name_of
-from sim.devices.ur.twin_statements import BUDGET, Leave, Statements, Thread, Wait
+from srl.sim.devices.ur.twin_expressions import ScriptError
+from srl.sim.devices.ur.twin_program_text import name_of
+from srl.sim.devices.ur.twin_statements import BUDGET, Leave, Statements, Thread, Wait
 
 
 class Script:

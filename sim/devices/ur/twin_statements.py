@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 from typing import Any, Final
 
-from sim.devices.ur.twin_expressions import Expression, Expressions, Scope, ScriptError, copied
-from sim.devices.ur.twin_program_text import statements
+from srl.sim.devices.ur.twin_expressions import Expression, Expressions, Scope, ScriptError, copied
+from srl.sim.devices.ur.twin_program_text import statements
 
 BUDGET: Final = 20_000  # statements in one control cycle; a real controller stops much sooner
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from drivers.vicon import Vicon
-from drivers.vicon.config import ViconConfig
-from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.cameras import Cameras, CamerasConfig
+from srl.drivers.vicon import Vicon
+from srl.drivers.vicon.config import ViconConfig
+from srl.runtime.contracts.driver import DeviceConfig
+from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.cameras import Cameras, CamerasConfig
 
 
 class FakeViconConfig(CamerasConfig):

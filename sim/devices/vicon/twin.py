@@ -9,15 +9,15 @@ from urllib.parse import urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.capture.selection import root_of
-from drivers.vicon import objects
-from drivers.vicon.objects import TrackedObject
-from runtime.contracts.rotation import euler_angles
-from runtime.contracts.world import Fake
-from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
-from sim.devices.vicon.fake import FakeVicon
-from sim.devices.vicon.twin_frame import FrameMaker
-from sim.devices.vicon.twin_session import Session
+from srl.drivers.capture.selection import root_of
+from srl.drivers.vicon import objects
+from srl.drivers.vicon.objects import TrackedObject
+from srl.runtime.contracts.rotation import euler_angles
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from srl.sim.devices.vicon.fake import FakeVicon
+from srl.sim.devices.vicon.twin_frame import FrameMaker
+from srl.sim.devices.vicon.twin_session import Session
 
 _MOST: Final = 13  # most objects in the largest datagram
 

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from drivers.capture.names import Subject
-from drivers.vicon.protocol import CLOCK, Block, block
-from runtime.contracts.signals import Array
+from srl.drivers.capture.names import Subject
+from srl.drivers.vicon.protocol import CLOCK, Block, block
+from srl.runtime.contracts.signals import Array
 
 _SEGMENT: Final = np.dtype([("id", "<u4"), ("t", "<f8", 3), ("R", "<f8", 9)])
 _LIGHT: Final = np.dtype([("id", "<u4"), ("t", "<f4", 3), ("axis_angle", "<f4", 3)])

@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from drivers.capture.names import Subject
-from drivers.vicon.protocol import Block, packet
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from sim.devices.vicon import twin_blocks as encode
-from sim.devices.vicon.fake import FakeVicon
+from srl.drivers.capture.names import Subject
+from srl.drivers.vicon.protocol import Block, packet
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.vicon import twin_blocks as encode
+from srl.sim.devices.vicon.fake import FakeVicon
 
 STATIC: Final = (
     Block.STREAM_INFO,

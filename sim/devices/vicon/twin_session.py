@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import struct
 
-from drivers.vicon import blocks, protocol
-from drivers.vicon.blocks import MalformedError
-from drivers.vicon.protocol import Block, Packet
-from sim.devices.shared.sockets import Client
-from sim.devices.vicon.twin_frame import OFFERED, FrameMaker
+from srl.drivers.vicon import blocks, protocol
+from srl.drivers.vicon.blocks import MalformedError
+from srl.drivers.vicon.protocol import Block, Packet
+from srl.sim.devices.shared.sockets import Client
+from srl.sim.devices.vicon.twin_frame import OFFERED, FrameMaker
 
 
 class Session:

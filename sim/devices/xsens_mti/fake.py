@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from drivers.xsens_mti import XsensMti, XsensMtiConfig
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.rotation import normalised
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.inertial import HALF, InertialFake, InertialOptions
+from srl.drivers.xsens_mti import XsensMti, XsensMtiConfig
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.rotation import normalised
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.inertial import HALF, InertialFake, InertialOptions
 
 _FORCE, _TURN = 5.0, 1.0  # m/s^2 and rad/s of noise a rad: a still sensor flickers by some mm/s^2 and mrad/s; ours
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.xsens_mti import data
-from drivers.xsens_mti.protocol import EVERY, Id, Message, Parser, configuration, encode
-from runtime.contracts.world import Fake
-from sim.devices.shared.serial import SerialTwin
-from sim.devices.xsens_mti.fake import FakeXsensMti
+from srl.drivers.xsens_mti import data
+from srl.drivers.xsens_mti.protocol import EVERY, Id, Message, Parser, configuration, encode
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.shared.serial import SerialTwin
+from srl.sim.devices.xsens_mti.fake import FakeXsensMti
 
 DEVICE: Final = bytes.fromhex("0080005A")  # of an invented sensor
 FACTORY: Final = {data.COUNTER: EVERY, data.FINE: EVERY, 0x2030: 100}  # Euler angles: not what the driver wants

@@ -9,22 +9,22 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from drivers.capture.names import Point
-from drivers.capture.view import View
-from drivers.xsens_mvn import MvnConfig, XsensMvn
-from drivers.xsens_mvn.config import signals
-from drivers.xsens_mvn.protocol import JOINT_ENDS, SEGMENTS
-from runtime.contracts import rotation
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import WiringError
-from runtime.contracts.frames import IDENTITY, as_pose
-from runtime.contracts.rotation import Quaternion
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.devices.xsens_mvn.worn import places
-from sim.parts.body.body import BodyPart
-from sim.parts.body.upper_body import UpperBodyPart
+from srl.drivers.capture.names import Point
+from srl.drivers.capture.view import View
+from srl.drivers.xsens_mvn import MvnConfig, XsensMvn
+from srl.drivers.xsens_mvn.config import signals
+from srl.drivers.xsens_mvn.protocol import JOINT_ENDS, SEGMENTS
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.frames import IDENTITY, as_pose
+from srl.runtime.contracts.rotation import Quaternion
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.devices.xsens_mvn.worn import places
+from srl.sim.parts.body.body import BodyPart
+from srl.sim.parts.body.upper_body import UpperBodyPart
 
 COUNT: Final = len(SEGMENTS)
 _ISB: Final = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # x forward, y left, z up as x forward, y up, z right

@@ -9,12 +9,12 @@ from urllib.parse import urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.xsens_mvn import protocol
-from drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, Pose
-from runtime.contracts.signals import Array
-from runtime.contracts.world import Fake
-from sim.devices.shared.sockets import SocketTwin, UdpDoor
-from sim.devices.xsens_mvn.fake import FakeMvn, posed
+from srl.drivers.xsens_mvn import protocol
+from srl.drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, Pose
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import Fake
+from srl.sim.devices.shared.sockets import SocketTwin, UdpDoor
+from srl.sim.devices.xsens_mvn.fake import FakeMvn, posed
 
 _KEPT: Final = 0.4  # s of samples sent together after MVN has been busy; older ones are dropped
 _CHILD: Final = 0  # a joint is the child's point 0, and some point of the parent

@@ -8,10 +8,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import Final
 
-from drivers.xsens_mvn.protocol import SEGMENTS
-from runtime.contracts.rotation import Pose
-from sim.parts.body.body import BodyPart
-from sim.parts.body.upper_body import UpperBodyPart
+from srl.drivers.xsens_mvn.protocol import SEGMENTS
+from srl.runtime.contracts.rotation import Pose
+from srl.sim.parts.body.body import BodyPart
+from srl.sim.parts.body.upper_body import UpperBodyPart
 
 _SUIT: Final = (0.5, -0.5, -0.5, -0.5)  # x forward, y left, z up in the suit's x left, y up, z forward
 _TOE: Final = (0.0, -0.06, 0.14)  # m, from the ankle in the suit's axes; ours

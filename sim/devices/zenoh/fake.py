@@ -7,12 +7,12 @@ import math
 import numpy as np
 from pydantic import Field
 
-from drivers.zenoh import Zenoh, ZenohConfig
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Array
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import AnyWorldFake, SensorOptions
+from srl.drivers.zenoh import Zenoh, ZenohConfig
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import AnyWorldFake, SensorOptions
 
 
 class FakeZenohOptions(SensorOptions):

@@ -11,15 +11,15 @@ from typing import Any, Literal, NamedTuple
 
 import zenoh
 
-from drivers.zenoh import ZenohConfig
-from drivers.zenoh.config import SignalEntry
-from runtime.contracts.errors import HostError, WiringError
-from runtime.contracts.field import Field
-from runtime.contracts.signals import Signal
-from runtime.contracts.world import Fake
-from runtime.messages import attachment, messages
-from sim.devices.shared.sockets import SocketTwin
-from sim.devices.zenoh.fake import FakeZenoh
+from srl.drivers.zenoh import ZenohConfig
+from srl.drivers.zenoh.config import SignalEntry
+from srl.runtime.contracts.errors import HostError, WiringError
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.world import Fake
+from srl.runtime.messages import attachment, messages
+from srl.sim.devices.shared.sockets import SocketTwin
+from srl.sim.devices.zenoh.fake import FakeZenoh
 
 _WAITING = 4096  # most samples and queries in the queue; further ones are dropped
 

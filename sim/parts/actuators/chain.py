@@ -6,11 +6,11 @@ from typing import ClassVar
 
 from pydantic import Field, field_validator
 
-from runtime.contracts.errors import OptionError, nearest
-from sim.parts.actuators.models import MODELS, ActuatorModel
-from sim.parts.actuators.motors import ActuatorMotors, IdealMotors
-from sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
-from sim.world.part import PartConfig
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.sim.parts.actuators.models import MODELS, ActuatorModel
+from srl.sim.parts.actuators.motors import ActuatorMotors, IdealMotors
+from srl.sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
+from srl.sim.world.part import PartConfig
 
 
 class AxisConfig(ServoAxis):

@@ -16,8 +16,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from sim.parts.actuators.models import ActuatorModel
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.actuators.models import ActuatorModel
 
 AMBIENT: Final = 25.0  # degC
 WINDING_LIMIT, STAGE_LIMIT = 100.0, 90.0  # degC, where the drive switches itself off

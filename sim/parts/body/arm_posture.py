@@ -13,9 +13,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, Side
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, Side
 
 _STRETCHED: Final = 0.995  # share of the arm's length beyond which the hand can't go: the elbow would be straight
 _FOLDED: Final = 0.3  # share below which it can't

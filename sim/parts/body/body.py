@@ -10,16 +10,16 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from drivers.noitom.skeleton import JOINTS, Kind, Skeleton, is_finger
-from runtime.contracts.files import ProfilePath
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT
-from sim.parts.body.model import Segment, Sex, segments
-from sim.parts.body.motion import Motion, Recorded, Script, Scripted
-from sim.parts.body.whole_body_wearer import WholeBodyWearer
-from sim.wearer.people import subject
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.drivers.noitom.skeleton import JOINTS, Kind, Skeleton, is_finger
+from srl.runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT
+from srl.sim.parts.body.model import Segment, Sex, segments
+from srl.sim.parts.body.motion import Motion, Recorded, Script, Scripted
+from srl.sim.parts.body.whole_body_wearer import WholeBodyWearer
+from srl.sim.wearer.people import subject
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _UPDATE: Final = 0.002  # s between two reference poses
 _FINGERS: Final = 9.0  # times as stiff per inertia as other joints; otherwise arm swings would shake them

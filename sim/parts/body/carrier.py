@@ -9,11 +9,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.rotation import Pose, conjugate, exp, log, product
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POSE
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.rotation import Pose, conjugate, exp, log, product
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POSE
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _UPDATE: Final = 0.002  # s between two targets
 

@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE
-from sim.parts.body.mocap_motion import MotionConfig, make_motion
-from sim.parts.body.subject import MocapSubject, SeenSegment
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.sim.parts.body.mocap_motion import MotionConfig, make_motion
+from srl.sim.parts.body.subject import MocapSubject, SeenSegment
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, PartConfig
 
 _UPDATE: Final = 0.002  # s between two targets
 _MARKERS: Final = {  # all distances differ, so that the body can be told from its mirror image

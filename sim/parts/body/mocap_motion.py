@@ -8,15 +8,15 @@ from typing import Annotated, Final, Literal, Protocol, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.files import ProfilePath
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.contracts.signals import Array
-from runtime.contracts.terms import POINT
-from sim.wearer.checks import check_samples
-from sim.wearer.motion import Curve
-from sim.wearer.tables import read_rows, time_column
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.terms import POINT
+from srl.sim.wearer.checks import check_samples
+from srl.sim.wearer.motion import Curve
+from srl.sim.wearer.tables import read_rows, time_column
 
 _RATIOS: Final = np.array([1.0, 0.7, 1.3, 0.6, 0.9, 1.1])  # of the six frequencies, so the path doesn't repeat soon
 _POSITION: Final = ("x", "y", "z")

@@ -12,8 +12,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from drivers.noitom.skeleton import JOINTS, Skeleton
-from runtime.contracts.signals import Array
+from srl.drivers.noitom.skeleton import JOINTS, Skeleton
+from srl.runtime.contracts.signals import Array
 
 Sex = Literal["male", "female"]
 HIP_HEIGHT: Final = 0.530  # share of the standing height

@@ -12,15 +12,15 @@ from typing import Final, Literal, Protocol
 
 import numpy as np
 
-from drivers.noitom.skeleton import JOINTS, Skeleton
-from runtime.contracts.rotation import EulerQuaternions
-from runtime.contracts.signals import Array
-from runtime.control.skeleton import bvh
-from sim.wearer.actions import at_ease
-from sim.wearer.gait import add_gait, walked
-from sim.wearer.motion import minimum_jerk
-from sim.wearer.showing import LOWERED, showing
-from sim.wearer.suit_bvh import CM, rotations, rows
+from srl.drivers.noitom.skeleton import JOINTS, Skeleton
+from srl.runtime.contracts.rotation import EulerQuaternions
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton import bvh
+from srl.sim.wearer.actions import at_ease
+from srl.sim.wearer.gait import add_gait, walked
+from srl.sim.wearer.motion import minimum_jerk
+from srl.sim.wearer.showing import LOWERED, showing
+from srl.sim.wearer.suit_bvh import CM, rotations, rows
 
 Script = Literal["t-pose", "still", "walk", "reach", "show"]
 _START: Final = 2.0  # s, from standing to walking

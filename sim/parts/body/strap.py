@@ -9,15 +9,15 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError
-from runtime.contracts.frames import as_pose
-from runtime.contracts.rotation import Vector, composed, exp, inverted, log
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT
-from sim.wearer.motion import quintic
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.frames import as_pose
+from srl.runtime.contracts.rotation import Vector, composed, exp, inverted, log
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT
+from srl.sim.wearer.motion import quintic
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 Firmness = Literal["soft", "medium", "hard", "rigid"]
 # N/m and N m/rad. Ours: an arm of 2 kg at 0.25 m, 5 N m, tilts it by 9, 4 and 2 degrees.

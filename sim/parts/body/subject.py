@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sim.world.part import Part
+from srl.sim.world.part import Part
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from math import exp, isfinite, isnan
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from sim.parts.body.wearer_config import Tracking
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.body.wearer_config import Tracking
 
 DOFS = 3
 _MUSCLES = 50.0  # rad/s, of a second-order lag: 0.04 s of the delays below

@@ -7,9 +7,9 @@ from math import sqrt, tan
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from sim.parts.body.wearer_config import UpperBodyConfig
-from sim.parts.person.noise import Wander
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.body.wearer_config import UpperBodyConfig
+from srl.sim.parts.person.noise import Wander
 
 _JOINTS = 9
 _QUICK, _SLOW = 0.1, 0.5  # s, correlation times of the joints' noise and of the drift

@@ -9,18 +9,18 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.frames import as_pose
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE
-from runtime.contracts.wearer import Dof
-from sim.parts.body.arm_posture import ArmPosture
-from sim.parts.body.subject import MocapSubject, SeenSegment
-from sim.parts.body.wearer import NAMES, BodyWearer, workspace
-from sim.parts.body.wearer_config import UpperBodyConfig
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, PartConfig
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.frames import as_pose
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.runtime.contracts.wearer import Dof
+from srl.sim.parts.body.arm_posture import ArmPosture
+from srl.sim.parts.body.subject import MocapSubject, SeenSegment
+from srl.sim.parts.body.wearer import NAMES, BodyWearer, workspace
+from srl.sim.parts.body.wearer_config import UpperBodyConfig
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, PartConfig
 
 _TICK: Final = 0.005  # s between two postures
 _ARMATURE: Final = 10.0  # kg m^2 (kg for what slides): so heavy that what is worn and carried doesn't move the arm
@@ -36,7 +36,7 @@ class UpperBodyPart(MocapSubject):
     """A body whose joints move as the wearer means; contacts don't move them. What stands on its segments feels it.
 
     Bodies are `<name>/torso`, `<name>/right_clavicle`, `<name>/right_upper_arm`, `<name>/right_forearm`,
-    `<name>/right_hand` (and the left ones), with the axes and origins of `runtime.control.ikns.body`.
+    `<name>/right_hand` (and the left ones), with the axes and origins of `srl.runtime.models.body`.
 
     Truth: `<name>_position` (n,) rad, of the joints that turn; `<name>_hand` (7,) m and w x y z, the palm's middle in
     the chest's frame; `<name>_markers` (k, 3) m, in the world; `<name>_dofs` (3,) rad, the swivel angle and the
@@ -44,7 +44,7 @@ class UpperBodyPart(MocapSubject):
 
     Attributes:
         body: its description.
-        wearer: who moves it (`runtime.contracts.wearer.Wearer`), once the world is made.
+        wearer: who moves it (`srl.runtime.contracts.wearer.Wearer`), once the world is made.
     """
 
     Config = UpperBodyConfig

@@ -14,15 +14,15 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Explore, Follow, Hold, Instruction, Rest
-from sim.parts.body.arm_posture import ArmPosture
-from sim.parts.body.arm_posture import Hold as Held
-from sim.parts.body.tracking import DOFS, Tracker
-from sim.parts.body.unsteady import Unsteadiness
-from sim.parts.body.wearer_config import UpperBodyConfig
-from sim.wearer.motion import quintic
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Explore, Follow, Hold, Instruction, Rest
+from srl.sim.parts.body.arm_posture import ArmPosture
+from srl.sim.parts.body.arm_posture import Hold as Held
+from srl.sim.parts.body.tracking import DOFS, Tracker
+from srl.sim.parts.body.unsteady import Unsteadiness
+from srl.sim.parts.body.wearer_config import UpperBodyConfig
+from srl.sim.wearer.motion import quintic
 
 NAMES: Final = ("swivel", "shrug", "protraction")
 # The workspace from the shoulder, shares of the arm's reach: forwards, inwards, up. A box in front of the chest.
@@ -55,7 +55,7 @@ def workspace(arm: ArmPosture) -> tuple[Array, Array, Array]:
 
 
 class BodyWearer:
-    """See the module's docstring, and `runtime.contracts.wearer.Wearer`.
+    """See the module's docstring, and `srl.runtime.contracts.wearer.Wearer`.
 
     Attributes:
         q: (9,) rad, protraction, elevation and the arm's joints, at the last update.

@@ -7,11 +7,11 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest
-from runtime.control.ikns.body import Side, Vector
-from runtime.control.models import BodyOption, named
-from sim.world.part import PartConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest
+from srl.runtime.models.body import Side, Vector
+from srl.runtime.models.models import BodyOption, named
+from srl.sim.world.part import PartConfig
 
 _APART: Final = 1e-6  # rad, least distance of a pointer's ends
 _Angle = Annotated[float, Field(ge=-pi, le=pi)]

@@ -7,17 +7,17 @@ from typing import Final, get_args
 
 import numpy as np
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Action, Instruction, Perform, Rest
-from sim.wearer.people import Subject
-from sim.wearer.performer import Performer
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Action, Instruction, Perform, Rest
+from srl.sim.wearer.people import Subject
+from srl.sim.wearer.performer import Performer
 
 ACTION: Final = 3.0  # s, that each action takes of the plan
 
 
 class WholeBodyWearer:
-    """A motion (`sim.parts.body.motion.Motion`), and a wearer (`runtime.contracts.wearer.Wearer`).
+    """A motion (`srl.sim.parts.body.motion.Motion`), and a wearer (`srl.runtime.contracts.wearer.Wearer`).
 
     Attributes: `offsets` (59, 3), m.
     """

@@ -11,19 +11,19 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from drivers.dynamixel.models import MODELS, Nominal
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT
-from runtime.control.models import ArmsOption
-from runtime.control.robot_model import WeighedRobot
-from runtime.control.robots import RobotDescription
-from runtime.control.skeleton.arms import Side
-from sim.parts.dynamixel.motors import AMBIENT, NOMINAL, Motors
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
-from sim.world.robot_mjcf import add_chain
+from srl.drivers.dynamixel.models import MODELS, Nominal
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT
+from srl.runtime.models.models import ArmsOption
+from srl.runtime.models.robot_model import WeighedRobot
+from srl.runtime.models.robots import RobotDescription
+from srl.runtime.models.skeleton.arms import Side
+from srl.sim.parts.dynamixel.motors import AMBIENT, NOMINAL, Motors
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
+from srl.sim.world.robot_mjcf import add_chain
 
 Vector = tuple[float, float, float]
 _OF_LINKS: Final = frozenset({"axis", "link", "radius", "mass", "lower", "upper"})

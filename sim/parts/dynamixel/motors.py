@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT, Nominal
-from runtime.contracts.signals import Array
+from srl.drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT, Nominal
+from srl.runtime.contracts.signals import Array
 
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 SPIN_UP: Final = 0.02  # s

@@ -6,10 +6,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from drivers.feetech.models import MODELS
-from sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
-from sim.parts.feetech.motors import FeetechMotors
-from sim.world.part import PartConfig
+from srl.drivers.feetech.models import MODELS
+from srl.sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
+from srl.sim.parts.feetech.motors import FeetechMotors
+from srl.sim.world.part import PartConfig
 
 
 class AxisConfig(ServoAxis):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Final
 from xml.etree.ElementTree import Element
 
-from runtime.control.models import FingerModel
-from sim.parts.hand.servo import ServoConfig, add_servo
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import turned
+from srl.runtime.models.models import FingerModel
+from srl.sim.parts.hand.servo import ServoConfig, add_servo
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import turned
 
 _MODULE: Final = (0.042, 0.033, 0.016)  # m, length, width and thickness; another length has another mass
 _MODULE_MASS: Final = 0.015  # kg

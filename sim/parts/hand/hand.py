@@ -7,11 +7,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from runtime.control.hand.human_hand import FINGERS
-from runtime.control.models import HandModel
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import placed, turned
+from srl.runtime.models.human_hand import FINGERS
+from srl.runtime.models.models import HandModel
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import placed, turned
 
 # Of the unscaled model, m.
 PALM: Final = {"pos": (0.0, 0.036, 0.002), "size": (0.033, 0.034, 0.010)}

@@ -9,13 +9,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE
-from runtime.control.hand.human_hand import FINGERS
-from runtime.control.models import HandOption, named
-from sim.parts.hand.hand import add_hand
-from sim.wearer import ToldWearer, Wearer, WearerConfig, make_wearer
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.runtime.models.human_hand import FINGERS
+from srl.runtime.models.models import HandOption, named
+from srl.sim.parts.hand.hand import add_hand
+from srl.sim.wearer import ToldWearer, Wearer, WearerConfig, make_wearer
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _TICK: Final = 10_000_000  # ns; period at which the wearer's intention is read and the hand's motion is stored
 _MEMORY: Final = 64  # ticks of the hand's past motion that are stored for slow sensors

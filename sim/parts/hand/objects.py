@@ -9,12 +9,12 @@ from xml.etree.ElementTree import Element
 import mujoco
 from pydantic import Field, model_validator
 
-from runtime.contracts.rotation import Pose
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, POSE
-from sim.parts.hand.ycb import YCB, Shape, add_shape
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.rotation import Pose
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.sim.parts.hand.ycb import YCB, Shape, add_shape
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _SIZES: Final = {"box": 3, "sphere": 1, "cylinder": 2}
 

@@ -9,14 +9,14 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.contracts.rotation import composed, from_matrix
-from runtime.control.hand.human_hand import FINGERS, JOINTS
-from runtime.control.models import HandOption, named
-from sim.parts.hand.hand import PALM, RADII
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.contracts.rotation import composed, from_matrix
+from srl.runtime.models.human_hand import FINGERS, JOINTS
+from srl.runtime.models.models import HandOption, named
+from srl.sim.parts.hand.hand import PALM, RADII
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 # Open and slightly bent, the thumb beside the palm: ours. A severely paretic hand neither closes nor opens by itself.
 _OPEN: Final = (0.5, 0.0, 0.0, 0.0) + 4 * (0.0, 0.26, 0.26, 0.17)

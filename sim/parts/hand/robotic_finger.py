@@ -10,12 +10,12 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT
-from runtime.control.models import FingerOption, named
-from sim.parts.hand.finger import add_finger
-from sim.parts.hand.servo import ServoBank, ServoConfig
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT
+from srl.runtime.models.models import FingerOption, named
+from srl.sim.parts.hand.finger import add_finger
+from srl.sim.parts.hand.servo import ServoBank, ServoConfig
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 
 class RoboticFingerConfig(PartConfig):

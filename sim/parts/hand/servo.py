@@ -7,9 +7,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.signals import Array
-from sim.world.mjcf import add
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.signals import Array
+from srl.sim.world.mjcf import add
 
 
 class ServoConfig(BaseModel):

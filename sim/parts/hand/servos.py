@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
-from sim.parts.hand.robotic_finger import RoboticFingerPart
-from sim.world.cell import Cell
+from srl.sim.parts.hand.robotic_finger import RoboticFingerPart
+from srl.sim.world.cell import Cell
 
 
 class Servos:

@@ -11,8 +11,8 @@ from math import cos, pi, sin
 from typing import Final, Literal
 from xml.etree.ElementTree import Element
 
-from sim.world.mjcf import add
-from sim.world.part import Mjcf
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf
 
 _SIDES: Final = 24  # of a cup's outline
 _BASE: Final = 0.75  # of a cup's bottom, per rim: the cups of the set are stackable

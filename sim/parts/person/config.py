@@ -6,9 +6,9 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from sim.parts.person.plans import Plan
-from sim.wearer.forces import ForceRecording
-from sim.world.part import PartConfig
+from srl.sim.parts.person.plans import Plan
+from srl.sim.wearer.forces import ForceRecording
+from srl.sim.world.part import PartConfig
 
 
 class PersonConfig(PartConfig):

@@ -10,12 +10,12 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import QUATERNION
-from runtime.contracts.wearer import Instruction, Rest, Turn
-from sim.wearer.motion import quintic
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import QUATERNION
+from srl.runtime.contracts.wearer import Instruction, Rest, Turn
+from srl.sim.wearer.motion import quintic
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _UPDATE: Final = 0.002  # s between two targets
 _FREQUENCIES: Final = (0.7, 1.1, 1.9)  # Hz, of hands that don't hold quite still; ours

@@ -9,10 +9,10 @@ from typing import Final, cast
 
 import numpy as np
 
-from runtime.contracts.rotation import Vector, error, exp, normalised, product, turned
-from runtime.contracts.signals import Array
-from sim.parts.person.path import ArcPath, Pose, circle, read_path
-from sim.parts.person.plans import Follow, GoTo, Insert, Plan, Press, Step, Wait, Withdraw
+from srl.runtime.contracts.rotation import Vector, error, exp, normalised, product, turned
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.person.path import ArcPath, Pose, circle, read_path
+from srl.sim.parts.person.plans import Follow, GoTo, Insert, Plan, Press, Step, Wait, Withdraw
 
 _PEAK: Final = 1.875  # greatest velocity of a minimum-jerk motion over its mean velocity
 _SHORTEST: Final = 0.3  # s, shortest duration of a reaching motion; ours

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from runtime.contracts.rotation import Quaternion, Vector, conjugate, turned
-from sim.parts.person.config import PersonConfig
-from sim.world.robot_mjcf import SPECK
+from srl.runtime.contracts.rotation import Quaternion, Vector, conjugate, turned
+from srl.sim.parts.person.config import PersonConfig
+from srl.sim.world.robot_mjcf import SPECK
 
 _HANDLE: Final = (6.0, 40.0, 1.0, 1.8)  # kg, N s/m, kg m^2, N m s/rad: the published admittance of a cobot's handle
 _ZERO: Final = (0.0, 0.0, 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import cos, exp, sin, sqrt
 from typing import Final
 
-from runtime.contracts.rotation import Vector
+from srl.runtime.contracts.rotation import Vector
 
 # For each muscle, the direction of the hand's force, in the person's axes (forward, left, up), that uses it most. The
 # upper arm hangs or is half raised, the elbow is bent. Ours: a static map, not a model of the bones.

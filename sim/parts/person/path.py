@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.rotation import Quaternion, Vector, exp, normalised, product
-from runtime.contracts.signals import Array
-from sim.wearer.motion import Curve
-from sim.wearer.tables import read_rows
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.rotation import Quaternion, Vector, exp, normalised, product
+from srl.runtime.contracts.signals import Array
+from srl.sim.wearer.motion import Curve
+from srl.sim.wearer.tables import read_rows
 
 _SPACING: Final = 0.002  # m between the points of the table
 _SMOOTH: Final = 0.02  # m to either side, over which a direction is meant: nobody turns a tool with every wrinkle

@@ -12,8 +12,8 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.rotation import (
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.rotation import (
     Quaternion,
     Vector,
     conjugate,
@@ -23,22 +23,22 @@ from runtime.contracts.rotation import (
     product,
     turned,
 )
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, WRENCH
-from sim.parts.person.config import PersonConfig
-from sim.parts.person.intention import Intention, buttons
-from sim.parts.person.known import known_tool
-from sim.parts.person.memory import flat, refill
-from sim.parts.person.muscles import PULLS, Muscles
-from sim.parts.person.noise import Tremor, Wander
-from sim.parts.person.path import Pose
-from sim.parts.person.places import Places
-from sim.parts.person.sight import Sight
-from sim.parts.person.vigour import duration
-from sim.wearer.forces import load_forces
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
-from sim.world.robot_mjcf import SPECK
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, WRENCH
+from srl.sim.parts.person.config import PersonConfig
+from srl.sim.parts.person.intention import Intention, buttons
+from srl.sim.parts.person.known import known_tool
+from srl.sim.parts.person.memory import flat, refill
+from srl.sim.parts.person.muscles import PULLS, Muscles
+from srl.sim.parts.person.noise import Tremor, Wander
+from srl.sim.parts.person.path import Pose
+from srl.sim.parts.person.places import Places
+from srl.sim.parts.person.sight import Sight
+from srl.sim.parts.person.vigour import duration
+from srl.sim.wearer.forces import load_forces
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
+from srl.sim.world.robot_mjcf import SPECK
 
 _UPDATE: Final = 0.002  # s between two updates
 _HAND_INERTIA: Final = 0.004  # kg m^2, of the hand and the part of the forearm that turns with it; ours

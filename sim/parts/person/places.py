@@ -6,10 +6,10 @@ from typing import Any, cast
 
 import mujoco
 
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.rotation import Quaternion, Vector, conjugate, from_matrix, product, turned
-from runtime.contracts.signals import Array
-from sim.parts.person.path import Pose
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.rotation import Quaternion, Vector, conjugate, from_matrix, product, turned
+from srl.runtime.contracts.signals import Array
+from srl.sim.parts.person.path import Pose
 
 
 class Places:

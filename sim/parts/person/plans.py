@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.files import ProfilePath
 
 _Vector = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import exp, pi
 
-from runtime.contracts.rotation import Vector
-from sim.parts.person.path import Pose
+from srl.runtime.contracts.rotation import Vector
+from srl.sim.parts.person.path import Pose
 
 _REACH = 0.25  # m and rad, greatest correction by sight
 _POSE, _ERROR = 7, 6

@@ -11,9 +11,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Contract, Instruction, Rest
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Contract, Instruction, Rest
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _TREMOR: Final = (1.3, 2.9)  # Hz, of a contraction that isn't quite steady; ours
 _FADED: Final = 20.0  # lags, after which nothing is left of what was before

@@ -11,17 +11,17 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import WiringError
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT
-from runtime.control.robots import Payload, RobotDescription
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from sim.parts.robots.guided import Guided
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
-from sim.world.robot_mjcf import SPECK, add_arm
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT
+from srl.runtime.models.robots import Payload, RobotDescription
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
+from srl.sim.parts.robots.guided import Guided
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
+from srl.sim.world.robot_mjcf import SPECK, add_arm
 
 Mode = Literal["brake", "torque", "velocity", "position"]
 _MODES: Final[tuple[Mode, ...]] = get_args(Mode)

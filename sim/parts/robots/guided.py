@@ -6,10 +6,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Lead, Rest
-from runtime.control.robots import RobotDescription
-from sim.wearer.motion import quintic
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction, Lead, Rest
+from srl.runtime.models.robots import RobotDescription
+from srl.sim.wearer.motion import quintic
 
 _SECONDS: Final = 3.0  # s that a way takes; ours
 _REACH: Final = 0.5  # rad, from home, the most of each joint; ours

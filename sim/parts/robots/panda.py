@@ -6,10 +6,10 @@ from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import Field
 
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.control.robots import FR3, PANDA
-from sim.parts.robots.arm import HOME, ArmConfig, ArmPart
-from sim.world.part import PartConfig
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.models.robots import FR3, PANDA
+from srl.sim.parts.robots.arm import HOME, ArmConfig, ArmPart
+from srl.sim.world.part import PartConfig
 
 
 class PandaConfig(ArmConfig):

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.signals import Array, Signal
-from runtime.control.robots.softhand import (
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.models.robots.softhand import (
     FACTOR,
     FINGERS,
     FLEXION,
@@ -31,9 +31,9 @@ from runtime.control.robots.softhand import (
     TIP,
     thumb,
 )
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
-from sim.world.robot_mjcf import ROBOT_CONTACT
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
+from srl.sim.world.robot_mjcf import ROBOT_CONTACT
 
 CLOSED: Final = 19000 / 65536 * 2 * pi  # rad of the motor at which the empty hand is closed
 _BASE_MASS: Final = 0.112  # kg, of base and motor: the total mass without palm and fingers

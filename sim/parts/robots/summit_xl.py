@@ -12,13 +12,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POINT
-from runtime.control.robots import SUMMIT_XL, MecanumBase
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
-from sim.world.robot_mjcf import ROBOT_CONTACT
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POINT
+from srl.runtime.models.robots import SUMMIT_XL, MecanumBase
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
+from srl.sim.world.robot_mjcf import ROBOT_CONTACT
 
 _CONTROL: Final = 0.002  # s, period of the wheels' control
 _WAITING: Final = 64  # most commands stored in transit

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.control.robots import UR16E
-from sim.parts.robots.arm import HOME, ArmConfig, ArmPart
-from sim.world.part import PartConfig
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.models.robots import UR16E
+from srl.sim.parts.robots.arm import HOME, ArmConfig, ArmPart
+from srl.sim.world.part import PartConfig
 
 
 class Ur16eConfig(ArmConfig):

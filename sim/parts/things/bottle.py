@@ -8,10 +8,10 @@ from xml.etree.ElementTree import Element
 
 from pydantic import Field
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POSE
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POSE
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _CAP_MASS: Final = 0.005  # kg
 _INERTIA: Final = 1e-5  # kg m^2, of the thread's drag on the cap; it keeps so light a body well conditioned

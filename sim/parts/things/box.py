@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import FORCE, POSE
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import FORCE, POSE
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _SIZES: Final = {"box": 3, "sphere": 1, "cylinder": 2}
 

@@ -9,10 +9,10 @@ from xml.etree.ElementTree import Element
 
 from pydantic import Field
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POSE
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POSE
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _DAMPING: Final = 0.01  # N m s/rad
 _ARMATURE: Final = 1e-4  # kg m^2, of the lock

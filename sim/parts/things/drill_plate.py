@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import FORCE
-from sim.parts.things.rim import add_rim
-from sim.parts.things.touch import FIXTURE_CONTACT, Touches
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import FORCE
+from srl.sim.parts.things.rim import add_rim
+from srl.sim.parts.things.touch import FIXTURE_CONTACT, Touches
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _PERIOD: Final = 0.001  # s between two checks
 

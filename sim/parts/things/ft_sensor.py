@@ -9,13 +9,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.frames import IDENTITY
-from runtime.contracts.per_element import Finite, PerElement
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import WRENCH
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.frames import IDENTITY
+from srl.runtime.contracts.per_element import Finite, PerElement
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import WRENCH
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 Vector6 = Annotated[tuple[Finite, Finite, Finite, Finite, Finite, Finite], PerElement(WRENCH)]
 UNIT = "N, N m"

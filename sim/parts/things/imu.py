@@ -9,10 +9,10 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import QUATERNION
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import QUATERNION
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _LAG: Final = 0.008  # s, of the accelerometer's low-pass, 20 Hz; ours
 

@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import FORCE, POSE
-from sim.parts.things.touch import Touches
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import FORCE, POSE
+from srl.sim.parts.things.touch import Touches
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _LOOKS: Final = 0.02  # s between two measurements of distances
 _GRIPS: Final = 0.01  # s between two checks of the gripper

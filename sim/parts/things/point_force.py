@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.per_element import Finite
-from runtime.contracts.signals import Array
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.per_element import Finite
+from srl.runtime.contracts.signals import Array
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 
 class PointForceConfig(PartConfig):

@@ -8,11 +8,11 @@ from typing import Annotated, ClassVar, cast
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.per_element import Finite
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import FORCE
-from sim.parts.things.point_force import PointForceConfig, PointForcePart
-from sim.world.part import PartConfig
+from srl.runtime.contracts.per_element import Finite
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import FORCE
+from srl.sim.parts.things.point_force import PointForceConfig, PointForcePart
+from srl.sim.world.part import PartConfig
 
 Window = tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]
 

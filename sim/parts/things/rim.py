@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import cos, pi, sin, tan
 from xml.etree.ElementTree import Element
 
-from sim.parts.things.touch import FIXTURE_CONTACT
-from sim.world.mjcf import add
+from srl.sim.parts.things.touch import FIXTURE_CONTACT
+from srl.sim.world.mjcf import add
 
 PIECES = 16
 

@@ -7,9 +7,9 @@ from xml.etree.ElementTree import Element
 
 from pydantic import Field
 
-from runtime.contracts.per_element import Finite, Positive
-from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.per_element import Finite, Positive
+from srl.sim.world.mjcf import CONTACT, add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 Spot2 = tuple[Finite, Finite]
 _THICK: Final = 0.03  # m

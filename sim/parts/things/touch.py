@@ -7,7 +7,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 FIXTURE_BIT: Final = 16
 # Fixtures and their tools touch only each other, so a counted touch is the tool's.

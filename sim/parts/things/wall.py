@@ -9,11 +9,11 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.per_element import Finite
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import FORCE
-from sim.parts.things.point_force import PointForceConfig, PointForcePart
-from sim.world.part import PartConfig
+from srl.runtime.contracts.per_element import Finite
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import FORCE
+from srl.sim.parts.things.point_force import PointForceConfig, PointForcePart
+from srl.sim.world.part import PartConfig
 
 _DIRECTION = 1e-9  # the least length that says one
 

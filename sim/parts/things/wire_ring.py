@@ -11,12 +11,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field, field_validator
 
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import FORCE
-from sim.parts.person.path import ArcPath
-from sim.parts.things.touch import FIXTURE_CONTACT, Touches
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import FORCE
+from srl.sim.parts.person.path import ArcPath
+from srl.sim.parts.things.touch import FIXTURE_CONTACT, Touches
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _SEGMENT: Final = 0.02  # m, length of the rod's straight pieces
 _SITES: Final = 0.02  # m between the sites of the path

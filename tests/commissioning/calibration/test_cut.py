@@ -9,16 +9,16 @@ from typing import Any
 import pytest
 from helpers.calibration import FEW, PROFILE
 
-from runtime.calibration.cut import MARKS, _build, build, cut
-from runtime.contracts import registry
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import ProfileError, SrlError, WiringError
-from runtime.contracts.files import Files
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import POSE
-from runtime.loop.guards import limits_of
-from runtime.profile import profile
-from runtime.profile.profile import Profile
+from srl.commissioning.calibration.cut import MARKS, _build, build, cut
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import ProfileError, SrlError, WiringError
+from srl.runtime.contracts.files import Files
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import POSE
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.profile import profile
+from srl.runtime.profile.profile import Profile
 
 
 def made(text: str, sim: bool = False, dofs: tuple[str, ...] = ("swivel",)) -> Profile:

@@ -10,11 +10,11 @@ import pytest
 from helpers.frame_calibration import POINTS, Leader
 from rich.console import Console
 
-from runtime.calibration import frame_method
-from runtime.calibration.screen import picture
-from runtime.control.mount.fit import Thresholds
-from runtime.control.mount.procedure import Kind, Procedure
-from runtime.control.mount.samples import Plan
+from srl.commissioning.calibration.frames import method as frame_method
+from srl.commissioning.calibration.frames.fit import Thresholds
+from srl.commissioning.calibration.frames.procedure import Kind, Procedure
+from srl.commissioning.calibration.frames.samples import Plan
+from srl.commissioning.calibration.screen import picture
 
 
 def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:

@@ -12,20 +12,20 @@ import pytest
 from helpers.calibration import FEW, QUICK, Actor, Person
 from helpers.recording import make_layout
 
-from runtime.calibration import report
-from runtime.calibration.guide import Guide, QuitError
-from runtime.calibration.result import Result, compute, write
-from runtime.calibration.screen import Plain, Screen
-from runtime.calibration.sources import RowFile, Rows, recorded
-from runtime.calibration.taps import taps
-from runtime.contracts.errors import RecordingError, RequestError
-from runtime.control.ikns import record
-from runtime.control.ikns.calibration import CalibrationError
-from runtime.control.ikns.marks import mark_of
-from runtime.control.ikns.procedure import Procedure
-from runtime.control.ikns.samples import joined, stretch, trials
-from runtime.control.ikns.steps import Kind, View
-from runtime.ipc.words import CYCLE, State
+from srl.commissioning.calibration import report
+from srl.commissioning.calibration.guide import Guide, QuitError
+from srl.commissioning.calibration.ikns.marks import mark_of
+from srl.commissioning.calibration.ikns.procedure import Procedure
+from srl.commissioning.calibration.ikns.samples import joined, stretch, trials
+from srl.commissioning.calibration.ikns.steps import Kind, View
+from srl.commissioning.calibration.result import Result, compute, write
+from srl.commissioning.calibration.screen import Plain, Screen
+from srl.commissioning.calibration.sources import RowFile, Rows, recorded
+from srl.commissioning.calibration.taps import taps
+from srl.control.ikns import record
+from srl.control.ikns.calibration import CalibrationError
+from srl.runtime.contracts.errors import RecordingError, RequestError
+from srl.runtime.ipc.words import CYCLE, State
 
 DAY = datetime.date(2023, 11, 14)  # of the actor's rows
 

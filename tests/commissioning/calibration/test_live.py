@@ -14,23 +14,23 @@ from helpers.calibration import PROFILE, Actor
 from helpers.run import environment, srl
 from helpers.wait import until
 
-from runtime.calibration.cut import build, cut
-from runtime.calibration.guide import Guide
-from runtime.calibration.live import Live
-from runtime.calibration.result import compute, write
-from runtime.calibration.screen import Plain
-from runtime.calibration.sources import Rows, RowSource, recorded
-from runtime.calibration.taps import taps
-from runtime.contracts.wearer import Instruction
-from runtime.control.ikns.calibration import Thresholds
-from runtime.control.ikns.procedure import Plan, Procedure
-from runtime.ipc.control_socket import send_request
-from runtime.ipc.run_folder import running
-from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, Latch, State
-from runtime.profile import profile
-from runtime.service.supervisor import state_dir
-from sim.devices.vicon.fake import FakeVicon
-from sim.devices.vicon.twin import ViconTwin
+from srl.commissioning.calibration.cut import build, cut
+from srl.commissioning.calibration.guide import Guide
+from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
+from srl.commissioning.calibration.live import Live
+from srl.commissioning.calibration.result import compute, write
+from srl.commissioning.calibration.screen import Plain
+from srl.commissioning.calibration.sources import Rows, RowSource, recorded
+from srl.commissioning.calibration.taps import taps
+from srl.control.ikns.calibration import Thresholds
+from srl.runtime.contracts.wearer import Instruction
+from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.run_folder import running
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, Latch, State
+from srl.runtime.profile import profile
+from srl.runtime.service.supervisor import state_dir
+from srl.sim.devices.vicon.fake import FakeVicon
+from srl.sim.devices.vicon.twin import ViconTwin
 
 PLAN = Plan(static=1.0, exploration=12.0, trial=3.0, settle=0.3, patience=20.0)
 FEW = Thresholds(points=8, samples=60)

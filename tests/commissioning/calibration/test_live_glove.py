@@ -12,18 +12,18 @@ import pytest
 from helpers.background import repeating
 from helpers.glove_calibration import GAIN, NAMES, OFFSET, PROFILE
 
-from runtime.calibration.cut import build
-from runtime.calibration.glove_method import GloveMethod
-from runtime.calibration.guide import Guide
-from runtime.calibration.live import Live
-from runtime.calibration.order import Order
-from runtime.calibration.screen import Plain
-from runtime.calibration.sources import Rows, RowSource, recorded
-from runtime.contracts.wearer import Instruction
-from runtime.ipc.run_folder import running
-from runtime.profile import profile
-from sim.devices.cyberglove.fake import FakeCyberGlove
-from sim.devices.cyberglove.twin import CyberGloveTwin
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.glove.method import GloveMethod
+from srl.commissioning.calibration.guide import Guide
+from srl.commissioning.calibration.live import Live
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.screen import Plain
+from srl.commissioning.calibration.sources import Rows, RowSource, recorded
+from srl.runtime.contracts.wearer import Instruction
+from srl.runtime.ipc.run_folder import running
+from srl.runtime.profile import profile
+from srl.sim.devices.cyberglove.fake import FakeCyberGlove
+from srl.sim.devices.cyberglove.twin import CyberGloveTwin
 
 OPTION = ("read=1", "hold=1", "settle=0.5")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.calibration.run_taps import RunTaps
-from runtime.calibration.task_method import Taps
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, State
+from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.task.method import Taps
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, State
 
 
 @pytest.fixture

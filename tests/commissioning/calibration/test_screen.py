@@ -11,13 +11,13 @@ import pytest
 from helpers.calibration import PROFILE, Actor, Person
 from rich.console import Console
 
-from runtime.calibration import method, session
-from runtime.calibration.guide import QuitError
-from runtime.calibration.order import Order
-from runtime.calibration.screen import Screen, Terminal, picture
-from runtime.contracts.errors import SrlError
-from runtime.control.ikns import record
-from runtime.control.ikns.steps import Kind, Step, View
+from srl.commissioning.calibration import method, session
+from srl.commissioning.calibration.guide import QuitError
+from srl.commissioning.calibration.ikns.steps import Kind, Step, View
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.screen import Screen, Terminal, picture
+from srl.control.ikns import record
+from srl.runtime.contracts.errors import SrlError
 
 QUICK = ("static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60")
 

@@ -15,13 +15,13 @@ from helpers.edited import edited
 from helpers.run import call, ended, environment, srl, summary
 from helpers.wait import until
 
-from runtime.calibration import method, report
-from runtime.calibration.sources import RowFile
-from runtime.cli import main
-from runtime.control.ikns import record
-from runtime.control.ikns.calibration import Thresholds
-from runtime.control.ikns.procedure import Procedure
-from runtime.control.ikns.steps import Kind
+from srl.commissioning.calibration import method, report
+from srl.commissioning.calibration.ikns.procedure import Procedure
+from srl.commissioning.calibration.ikns.steps import Kind
+from srl.commissioning.calibration.sources import RowFile
+from srl.control.ikns import record
+from srl.control.ikns.calibration import Thresholds
+from srl.runtime.cli import main
 
 QUICK = ["static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60"]
 OPTIONS = [word for option in QUICK for word in ("--option", option)]

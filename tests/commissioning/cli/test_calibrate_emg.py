@@ -17,15 +17,16 @@ from helpers.emg_calibration import GAINS, NAMES, PROFILE, QUICK, Electrodes
 from helpers.run import call, summary
 from rich.console import Console
 
-from runtime.calibration import emg_report, method
-from runtime.calibration.screen import picture
-from runtime.calibration.sources import RowFile
-from runtime.cli import calibrations, main
-from runtime.control.emg.fit import Thresholds
-from runtime.control.emg.procedure import Kind, Procedure
-from runtime.control.emg.record import EmgRecord
-from runtime.control.emg.samples import Plan
-from runtime.control.shared import record_file
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.emg import report as emg_report
+from srl.commissioning.calibration.emg.fit import Thresholds
+from srl.commissioning.calibration.emg.procedure import Kind, Procedure
+from srl.commissioning.calibration.emg.samples import Plan
+from srl.commissioning.calibration.screen import picture
+from srl.commissioning.calibration.sources import RowFile
+from srl.control.emg.record import EmgRecord
+from srl.runtime.cli import calibrations, main
+from srl.runtime.models import record_file
 
 Command = Callable[..., int]
 drawn = emg_report.draw

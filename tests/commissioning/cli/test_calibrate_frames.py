@@ -15,16 +15,18 @@ from helpers.frame_calibration import BASE, POINTS, PROFILE, TRACKER, Leader
 from helpers.run import call, summary
 from scipy.spatial.transform import Rotation
 
-from drivers.ur import Ur, UrConfig
-from runtime.calibration import frame_method, frame_report, method
-from runtime.calibration.cut import build
-from runtime.calibration.order import Order
-from runtime.calibration.sources import RowFile
-from runtime.cli import main
-from runtime.contracts.files import Files, decoded
-from runtime.control.mount.record import FrameRecord, Pose
-from runtime.control.shared import record_file
-from runtime.profile import profile, wiring
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.cut import build
+from srl.commissioning.calibration.frames import method as frame_method
+from srl.commissioning.calibration.frames import report as frame_report
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.sources import RowFile
+from srl.drivers.ur import Ur, UrConfig
+from srl.runtime.cli import main
+from srl.runtime.contracts.files import Files, decoded
+from srl.runtime.models import record_file
+from srl.runtime.models.mount_record import FrameRecord, Pose
+from srl.runtime.profile import profile, wiring
 
 Command = Callable[..., int]
 drawn = frame_report.draw

@@ -17,17 +17,19 @@ from helpers.run import call, summary
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from runtime.calibration import ft_method, ft_report, method
-from runtime.calibration.screen import picture
-from runtime.calibration.sources import RowFile
-from runtime.cli import main
-from runtime.contracts.files import KeptFile
-from runtime.contracts.gravity import GRAVITY
-from runtime.control.ft.fit import Thresholds
-from runtime.control.ft.procedure import Kind, Procedure
-from runtime.control.ft.record import FtRecord
-from runtime.control.ft.samples import Plan
-from runtime.control.shared import record_file
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.ft import method as ft_method
+from srl.commissioning.calibration.ft import report as ft_report
+from srl.commissioning.calibration.ft.fit import Thresholds
+from srl.commissioning.calibration.ft.procedure import Kind, Procedure
+from srl.commissioning.calibration.ft.samples import Plan
+from srl.commissioning.calibration.screen import picture
+from srl.commissioning.calibration.sources import RowFile
+from srl.control.cobot.ft_record import FtRecord
+from srl.runtime.cli import main
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.models import record_file
 
 Command = Callable[..., int]
 drawn = ft_report.draw

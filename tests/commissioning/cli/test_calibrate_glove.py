@@ -15,19 +15,20 @@ from helpers.glove_calibration import GAIN, NAMES, OFFSET, PROFILE, Gloved
 from helpers.run import call, summary
 from rich.console import Console
 
-from drivers.cyberglove import calibration
-from runtime.calibration import glove_report, method
-from runtime.calibration.screen import picture
-from runtime.calibration.sources import RowFile
-from runtime.cli import main
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.files import KeptFile
-from runtime.contracts.glove_record import GloveRecord
-from runtime.control.glove.fit import Thresholds
-from runtime.control.glove.procedure import Kind, Procedure
-from runtime.control.glove.samples import Plan
-from runtime.control.glove.shapes import Angles
-from runtime.control.shared import record_file
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.glove import report as glove_report
+from srl.commissioning.calibration.glove.fit import Thresholds
+from srl.commissioning.calibration.glove.procedure import Kind, Procedure
+from srl.commissioning.calibration.glove.samples import Plan
+from srl.commissioning.calibration.glove.shapes import Angles
+from srl.commissioning.calibration.screen import picture
+from srl.commissioning.calibration.sources import RowFile
+from srl.drivers.cyberglove import calibration
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.glove_record import GloveRecord
+from srl.runtime.models import record_file
 
 Command = Callable[..., int]
 drawn = glove_report.draw
@@ -162,7 +163,7 @@ def test_a_hand_written_calibration_isnt_replaced(
 def test_a_full_disk_is_said_before_anybody_begins(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("runtime.calibration.session.free_bytes", lambda _: 1 << 20)
+    monkeypatch.setattr("srl.commissioning.calibration.session.free_bytes", lambda _: 1 << 20)
     assert main(["calibrate", "worn.yaml", "glove", "--person", "P07"]) == 2
     assert "its disk has less than 64 MiB free" in capsys.readouterr().err
     assert [path.name for path in folder.iterdir()] == ["worn.yaml"]

@@ -13,14 +13,15 @@ from helpers.intention_calibration import PROFILE, Person, Pretender
 from helpers.run import call, summary
 from rich.console import Console
 
-from runtime.calibration import intention_report, method
-from runtime.calibration.screen import picture
-from runtime.calibration.sources import RowFile
-from runtime.cli import main
-from runtime.control.intention.procedure import ACTIONS, Kind, Plan, Procedure
-from runtime.control.intention.record import Record
-from runtime.control.shared import record_file
-from runtime.ipc.words import CYCLE, State
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.intention import report as intention_report
+from srl.commissioning.calibration.intention.procedure import ACTIONS, Kind, Plan, Procedure
+from srl.commissioning.calibration.screen import picture
+from srl.commissioning.calibration.sources import RowFile
+from srl.control.intention.record import Record
+from srl.runtime.cli import main
+from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.models import record_file
 
 QUICK = [word for option in ("rounds=3", "pause=1.5", "stand=4", "walk=5") for word in ("--option", option)]
 FOUR = "overhead,bend,turn-left,wave"

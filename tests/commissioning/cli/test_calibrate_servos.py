@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from helpers.edited import edited
 
-from drivers.firmata.driver import COMMAND
-from runtime.calibration.keyed import Keyed
-from runtime.calibration.order import Order
-from runtime.calibration.servo_method import ServoMethod
-from runtime.cli import main
-from runtime.contracts.servo_record import ServoRecord
-from runtime.control.servos.procedure import Kind, Procedure
-from runtime.control.servos.samples import Samples, ServoMarksConfig
-from runtime.control.shared import record_file
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
-from runtime.jog.cut import cut
-from runtime.jog.hold import PAUSE, Hold
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
+from srl.commissioning.calibration.keyed import Keyed
+from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.servos.method import ServoMethod
+from srl.commissioning.calibration.servos.procedure import Kind, Procedure
+from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig
+from srl.commissioning.jog.cut import cut
+from srl.commissioning.jog.hold import PAUSE, Hold
+from srl.drivers.firmata.driver import COMMAND
+from srl.runtime.cli import main
+from srl.runtime.contracts.servo_record import ServoRecord
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.models import record_file
+from srl.runtime.profile import profile, wiring
 
 PROFILE = """
 name: tip
@@ -135,7 +135,7 @@ def test_a_changed_calibration_begins_without_a_jump(made: Path) -> None:
 
 
 def _recording(made: Path) -> tuple[Any, Any]:
-    from runtime.calibration.sources import recorded
+    from srl.commissioning.calibration.sources import recorded
 
     return recorded(made / "tip.rrd", method(made).taps)
 

@@ -15,19 +15,20 @@ from helpers.run import call, summary
 from helpers.suit_calibration import BODY, PROFILE, QUICK, Suited
 from rich.console import Console
 
-from drivers.noitom.config import NoitomConfig
-from drivers.noitom.pose import Pose
-from drivers.noitom.protocol import Frame
-from runtime.calibration import method, suit_report
-from runtime.calibration.screen import picture
-from runtime.calibration.sources import RowFile
-from runtime.cli import main
-from runtime.contracts.files import KeptFile
-from runtime.contracts.rotation import euler_angles, matrices
-from runtime.contracts.suit_record import SuitRecord
-from runtime.control.shared import record_file
-from runtime.control.suit.fit import PER_MINUTE
-from runtime.control.suit.procedure import Kind, Procedure
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.screen import picture
+from srl.commissioning.calibration.sources import RowFile
+from srl.commissioning.calibration.suit import report as suit_report
+from srl.commissioning.calibration.suit.fit import PER_MINUTE
+from srl.commissioning.calibration.suit.procedure import Kind, Procedure
+from srl.drivers.noitom.config import NoitomConfig
+from srl.drivers.noitom.pose import Pose
+from srl.drivers.noitom.protocol import Frame
+from srl.runtime.cli import main
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.rotation import euler_angles, matrices
+from srl.runtime.contracts.suit_record import SuitRecord
+from srl.runtime.models import record_file
 
 Command = Callable[..., int]
 drawn = suit_report.draw

@@ -15,10 +15,11 @@ from helpers.run import srl
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from runtime.cli import find_port, main
-from runtime.profile.ports import local_path
-from runtime.service import serial_ports
-from runtime.service.fitness import serial
+from srl.commissioning.cli import find_port
+from srl.runtime.cli import main
+from srl.runtime.profile.ports import local_path
+from srl.runtime.service import serial_ports
+from srl.runtime.service.fitness import serial
 
 ROOT = Path(__file__).parents[2]
 

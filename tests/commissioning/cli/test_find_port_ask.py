@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from helpers.peer import make
 
-from drivers.feetech import opening
-from runtime.cli import main
-from runtime.service import serial_ports
-from runtime.service.serial_ports import Guess, SerialPort
-from runtime.testing.twin_bench import TwinBench
-from sim.devices.examples import DEVICES
+from srl.drivers.feetech import opening
+from srl.runtime.cli import main
+from srl.runtime.service import serial_ports
+from srl.runtime.service.serial_ports import Guess, SerialPort
+from srl.runtime.testing.twin_bench import TwinBench
+from srl.sim.devices.examples import DEVICES
 
 WHO = {
     "cyberglove": "a right glove with 22 sensors, settings ",

@@ -9,16 +9,17 @@ import pytest
 from helpers.edited import edited
 from helpers.glove_calibration import NAMES, PROFILE, Gloved
 
-from drivers.cyberglove import calibration
-from runtime.calibration import glove_report, method
-from runtime.calibration.sources import RowFile
-from runtime.cli import main
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.files import KeptFile
-from runtime.control.glove.fit import Thresholds
-from runtime.control.glove.procedure import Procedure
-from runtime.control.glove.samples import Plan
-from runtime.control.glove.shapes import Angles
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.glove import report as glove_report
+from srl.commissioning.calibration.glove.fit import Thresholds
+from srl.commissioning.calibration.glove.procedure import Procedure
+from srl.commissioning.calibration.glove.samples import Plan
+from srl.commissioning.calibration.glove.shapes import Angles
+from srl.commissioning.calibration.sources import RowFile
+from srl.drivers.cyberglove import calibration
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.files import KeptFile
 
 Refused = Callable[..., str]
 

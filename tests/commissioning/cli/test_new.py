@@ -17,12 +17,13 @@ from helpers.wait import until
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from runtime.cli import main, new, new_questions
-from runtime.cli.check import examine
-from runtime.jog.cut import cut
-from runtime.profile import profile, shelf
-from runtime.profile.edit import content
-from runtime.service import serial_ports
+from srl.commissioning.cli import new, new_questions
+from srl.commissioning.jog.cut import cut
+from srl.runtime.cli import main
+from srl.runtime.cli.check import examine
+from srl.runtime.profile import profile, shelf
+from srl.runtime.profile.edit import content
+from srl.runtime.service import serial_ports
 
 
 @pytest.fixture(autouse=True)

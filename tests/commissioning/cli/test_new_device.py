@@ -13,8 +13,9 @@ import pytest
 from helpers.run import refused
 from helpers.somebody import environment, pytest_in
 
-from runtime.cli import main, new_device
-from runtime.contracts import registry
+from srl.commissioning.cli import new_device
+from srl.runtime.cli import main
+from srl.runtime.contracts import registry
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +49,7 @@ def test_it_is_installed_and_its_tests_pass_as_written(folder: Path, capsys: pyt
         ["run", "force-plate.yaml", "--sim", "--fast", "--duration", "1"],
     ):
         run = subprocess.run(
-            [sys.executable, "-m", "runtime", *command], cwd=package, env=told, capture_output=True, text=True,
+            [sys.executable, "-m", "srl", *command], cwd=package, env=told, capture_output=True, text=True,
             check=False, timeout=100,
         )  # fmt: skip
         assert run.returncode == 0, run.stdout + run.stderr

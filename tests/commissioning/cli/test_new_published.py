@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from helpers.new_limb import moved_on
 
-from runtime.cli import main
-from runtime.profile import profile
+from srl.runtime.cli import main
+from srl.runtime.profile import profile
 from srl.testing import Lab
 
 DAMIAO = ("mit-can", "--set", "devices.arm.maker=damiao")

@@ -13,14 +13,15 @@ from helpers.arm_urdf import ALL, HIP, TIPS
 from helpers.new_limb import moved_on
 from helpers.run import refused
 
-from runtime.cli import main, new_questions
-from runtime.contracts.files import KeptFile
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from runtime.jog.cut import SPEED, cut
-from runtime.profile import profile
-from runtime.profile.from_urdf import hanging, weight
-from runtime.profile.limb_drives import KINDS, Joint, MitCan
+from srl.commissioning.cli import new_questions
+from srl.commissioning.jog.cut import SPEED, cut
+from srl.commissioning.new.from_urdf import hanging, weight
+from srl.commissioning.new.limb_drives import KINDS, Joint, MitCan
+from srl.runtime.cli import main
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
+from srl.runtime.profile import profile
 from srl.testing import Lab
 
 SERVOS = ["--driver", "dynamixel"]

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from helpers.run import refused
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.signals import Array, Kind, Stop
-from runtime.control.setpoint.jog import HOLD, REST
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
-from runtime.jog.cut import PRESS, WAY, Cut, cut
-from runtime.jog.hold import Hold
-from runtime.jog.keys import Keys
-from runtime.jog.session import FRESH
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile
+from srl.commissioning.jog.cut import PRESS, WAY, Cut, cut
+from srl.commissioning.jog.hold import Hold
+from srl.commissioning.jog.keys import Keys
+from srl.commissioning.jog.session import FRESH
+from srl.control.setpoint.jog import HOLD, REST
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.signals import Array, Kind, Stop
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile
 
 RIGHT, LEFT = b"\x1b[C", b"\x1b[D"
 REPEAT = 0.033  # s, of a held key

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from runtime.jog.hold import Hold
-from runtime.jog.keys import PATIENCE, Keys
+from srl.commissioning.jog.hold import Hold
+from srl.commissioning.jog.keys import PATIENCE, Keys
 
 RIGHT, LEFT = b"\x1b[C", b"\x1b[D"
 

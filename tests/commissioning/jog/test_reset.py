@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 from helpers.wait import until
 
-from runtime.ipc import presses
-from runtime.ipc.control_socket import LIFETIME
-from runtime.ipc.requests import Answer, Request, RequestKind
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Latch, Origin, State
-from runtime.jog.cut import cut
-from runtime.jog.hold import Hold
-from runtime.jog.presses import Presses
-from runtime.jog.session import Session
-from runtime.loop.cycle import Cycle
-from runtime.loop.guards import limits_of
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
+from srl.commissioning.jog.cut import cut
+from srl.commissioning.jog.hold import Hold
+from srl.commissioning.jog.presses import Presses
+from srl.commissioning.jog.session import Session
+from srl.runtime.ipc import presses
+from srl.runtime.ipc.control_socket import LIFETIME
+from srl.runtime.ipc.requests import Answer, Request, RequestKind
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Latch, Origin, State
+from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.guards import limits_of
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
 
 
 class Desk:

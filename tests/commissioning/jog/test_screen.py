@@ -8,7 +8,7 @@ from math import nan
 
 import pytest
 
-from runtime.jog.screen import MOVES, Joint, View, lines
+from srl.commissioning.jog.screen import MOVES, Joint, View, lines
 
 JOINTS = [
     Joint("shoulder_lift", "rad", -1.5708, 0.25, -6.2832, 6.2832, 0.1, -32.567),

@@ -17,12 +17,12 @@ import pytest
 from helpers.run import alive, call, environment, srl
 from helpers.wait import until
 
-from runtime.contracts.signals import Array
-from runtime.control.setpoint.jog import HOLD, REST
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, Cause, Latch, State
+from srl.control.setpoint.jog import HOLD, REST
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.ring import RingReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import CYCLE, Cause, Latch, State
 
 pytestmark = pytest.mark.slow
 

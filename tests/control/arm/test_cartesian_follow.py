@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.optimize import lsq_linear
 
-from runtime.contracts.files import KeptFile
-from runtime.contracts.rotation import exp, matrix, product
-from runtime.control.arm.cartesian_follow import CartesianFollow, CartesianFollowConfig
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots import PANDA
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.control.arm.cartesian_follow import CartesianFollow, CartesianFollowConfig
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.rotation import exp, matrix, product
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots import PANDA
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 from srl.testing import ControllerConformance, bound
 
 HIP_ARM = RobotModel.model_validate({"urdf": KeptFile(Path("hip.urdf"), HIP.encode()), "tip": "tool"}).robot

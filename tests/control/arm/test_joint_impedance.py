@@ -12,11 +12,11 @@ import pytest
 from helpers.joint_impedance import ROBOT, K, Q, law
 from pydantic import ValidationError
 
-from runtime.control.arm.joint_impedance import JointImpedance
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from sim.world.mjcf import add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import add_chain
+from srl.control.arm.joint_impedance import JointImpedance
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import add_chain
 from srl.testing import ControllerConformance
 
 

@@ -9,8 +9,8 @@ import pinocchio as pin
 import pytest
 from helpers.joint_impedance import ROBOT, K, Q, law
 
-from runtime.control.arm.joint_impedance import JointImpedance
-from runtime.control.robots.pinocchio_model import pinocchio_model
+from srl.control.arm.joint_impedance import JointImpedance
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
 
 DT = 0.002
 V = np.array([0.2, -0.1, 0.15, 0.1])  # rad/s

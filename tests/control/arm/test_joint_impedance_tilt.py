@@ -13,11 +13,11 @@ from helpers.joint_impedance import ROBOT, Q, law, weight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.rotation import conjugate, exp, matrix, product
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from sim.world.mjcf import add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import add_chain
+from srl.runtime.contracts.rotation import conjugate, exp, matrix, product
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import add_chain
 
 TURNED = exp(0.5, -0.3, 0.9)  # how the sensor sits on the base
 

@@ -14,14 +14,14 @@ from helpers.joint_impedance import ROBOT, K, Q, law
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.control.arm.joint_impedance import JointImpedance
-from runtime.control.arm.sampled import GROWTH, cases, growth
-from runtime.control.robots.pinocchio_model import pinocchio_model
-from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.run_folder import RunFolder
-from runtime.loop.control_end import ControlEnd
-from runtime.loop.request_queue import RequestQueue
-from runtime.profile import profile, wiring
+from srl.control.arm.joint_impedance import JointImpedance
+from srl.control.arm.sampled import GROWTH, cases, growth
+from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.loop.control_end import ControlEnd
+from srl.runtime.loop.request_queue import RequestQueue
+from srl.runtime.models.robots.pinocchio_model import pinocchio_model
+from srl.runtime.profile import profile, wiring
 
 LIGHT = {"stiffness": {"yaw": 25.0, "shoulder": 40.0, "elbow": 25.0, "wrist": 8.0}, "rotor_inertia": 0.0015}
 

@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.files import KeptFile
-from runtime.contracts.rotation import from_matrix
-from runtime.control.arm.mirror import Mirror, MirrorConfig
-from runtime.control.robot_model import RobotModel
+from srl.control.arm.mirror import Mirror, MirrorConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.rotation import from_matrix
+from srl.runtime.models.robot_model import RobotModel
 from srl.testing import ControllerConformance, bound
 
 OTHER = RobotModel.model_validate({"urdf": KeptFile(Path("hip.urdf"), HIP.encode()), "tip": "tool"}).robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.control.arm.sampled import growth
+from srl.control.arm.sampled import growth
 
 
 @pytest.mark.parametrize(("share", "grows"), [(0.5, False), (0.98, False), (1.02, True), (2.0, True)])

@@ -10,9 +10,9 @@ import pytest
 from helpers.arm_urdf import HIP
 from pydantic import ValidationError
 
-from runtime.contracts.files import KeptFile
-from runtime.control.arm.waypoints import Waypoints, WaypointsConfig
-from runtime.control.robot_model import RobotModel
+from srl.control.arm.waypoints import Waypoints, WaypointsConfig
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.models.robot_model import RobotModel
 from srl.testing import ControllerConformance, bound
 
 ROBOT = RobotModel.model_validate({"urdf": KeptFile(Path("hip.urdf"), HIP.encode()), "tip": "tool"}).robot

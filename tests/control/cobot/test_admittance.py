@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts import rotation
-from runtime.control.ft.record import Unloaded
+from srl.control.cobot.ft_record import Unloaded
+from srl.runtime.contracts import rotation
 
 DT = 1e-3
 ON = [1.0, 1.0, 0.0, 0.0]

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.frames import IDENTITY
-from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.runtime.contracts.frames import IDENTITY
 
 
 def press(force_feedback: dict[str, Any] | None, stiffness: float, push: float) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.control import bound
 
-from runtime.control.cobot.gripper import Gripper, GripperConfig
+from srl.control.cobot.gripper import Gripper, GripperConfig
 
 DT = 0.01
 

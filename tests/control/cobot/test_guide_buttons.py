@@ -7,7 +7,7 @@ from helpers.control import bound
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.control.cobot.guide_buttons import GuideButtons, GuideButtonsConfig
+from srl.control.cobot.guide_buttons import GuideButtons, GuideButtonsConfig
 
 
 def buttons(**options: object) -> GuideButtons:

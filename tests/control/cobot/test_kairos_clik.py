@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array, Command, Kind, Limits
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.robots import UR16E
-from runtime.guard.velocity import VelocityGuard
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.runtime.contracts.signals import Array, Command, Kind, Limits
+from srl.runtime.guard.velocity import VelocityGuard
+from srl.runtime.models.robots import UR16E
 
 STRAIGHT = np.array([0.0, -1.2, 0.0, -1.4, -1.2, 0.0])
 W_1 = np.diag([1000.0] * 3 + [500.0] * 3)

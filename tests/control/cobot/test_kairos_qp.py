@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.control.cobot import whole_body_qp
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.kairos_qp import KairosQp, KairosQpConfig
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body_qp import ACCELERATION, Nearest
-from runtime.control.robots import UR16E
+from srl.control.cobot import whole_body_qp
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.kairos_qp import KairosQp, KairosQpConfig
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.control.cobot.whole_body_qp import ACCELERATION, Nearest
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import UR16E
 
 TOOL = bound(ToolPose("tool", ToolPoseConfig(robot="ur16e")), mount=MOUNT)
 WIDE = {"acceleration": 1e9, "base_acceleration": (1e9, 1e9, 1e9), "margin": 0.0, "approach": 0.002}

@@ -10,8 +10,8 @@ from helpers.admittance import admittance, follow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts import rotation
-from runtime.control.cobot.admittance import Admittance
+from srl.control.cobot.admittance import Admittance
+from srl.runtime.contracts import rotation
 
 DT = 1e-3
 

@@ -7,12 +7,12 @@ import pytest
 from helpers.control import bound
 from helpers.superman import MOUNT
 
-from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.cobot.kairos_qp import KairosQp, KairosQpConfig
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.cobot.moca_qp import MocaQp, MocaQpConfig
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.robots import PANDA, UR16E
+from srl.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from srl.control.cobot.kairos_qp import KairosQp, KairosQpConfig
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from srl.control.cobot.moca_qp import MocaQp, MocaQpConfig
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.runtime.models.robots import PANDA, UR16E
 
 DT = 1e-3
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.cobot.load_estimate import LoadEstimate, Motion
+from srl.control.cobot.load_estimate import LoadEstimate, Motion
+from srl.runtime.contracts.signals import Array
 
 DOWN = np.array([0.0, 0.0, -9.81])
 

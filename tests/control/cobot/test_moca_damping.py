@@ -13,8 +13,8 @@ from scipy.linalg import eigh
 from scipy.optimize import curve_fit
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.cobot.moca_impedance import ModalDamping
+from srl.control.cobot.moca_impedance import ModalDamping
+from srl.runtime.contracts.signals import Array
 
 FREE = {"part": "panda", "friction": 0.0, **ON_DECK}
 seeds = st.integers(0, 2**32 - 1)

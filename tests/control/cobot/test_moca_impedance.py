@@ -14,17 +14,17 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
-from drivers.base.config import BaseConfig
-from drivers.base.driver import MobileBase
-from drivers.panda.config import PandaConfig
-from drivers.panda.driver import Panda
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, WeightedTorque
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import WholeBody
-from runtime.control.robots import PANDA
+from srl.control.cobot.admittance import Admittance, AdmittanceConfig
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, WeightedTorque
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.control.cobot.whole_body import WholeBody
+from srl.drivers.base.config import BaseConfig
+from srl.drivers.base.driver import MobileBase
+from srl.drivers.panda.config import PandaConfig
+from srl.drivers.panda.driver import Panda
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA
 
 TOOL = bound(ToolPose("tool", ToolPoseConfig()), mount=MOUNT)
 

@@ -8,10 +8,10 @@ from helpers.control import bound
 from helpers.superman import MocaRig
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.cobot.whole_body import WholeBody
-from runtime.control.robots import PANDA
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from srl.control.cobot.whole_body import WholeBody
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA
 
 
 @pytest.mark.slow

@@ -11,15 +11,15 @@ from helpers.superman import MOUNT, Chain, MocaRig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.control.cobot import whole_body_qp
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.cobot.moca_qp import MocaQp, MocaQpConfig
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import ArmDynamics
-from runtime.control.cobot.whole_body_qp import Nearest
-from runtime.control.robots import PANDA
+from srl.control.cobot import whole_body_qp
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from srl.control.cobot.moca_qp import MocaQp, MocaQpConfig
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.control.cobot.whole_body import ArmDynamics
+from srl.control.cobot.whole_body_qp import Nearest
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA
 
 TOOL = bound(ToolPose("tool", ToolPoseConfig()), mount=MOUNT)
 DYNAMICS = ArmDynamics(PANDA, rotors=True)

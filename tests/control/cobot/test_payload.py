@@ -10,10 +10,10 @@ import pytest
 from helpers.control import bound
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
-from runtime.control.cobot.load_watch import Phase
-from runtime.control.cobot.payload import Payload, PayloadConfig
+from srl.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
+from srl.control.cobot.load_watch import Phase
+from srl.control.cobot.payload import Payload, PayloadConfig
+from srl.runtime.contracts.signals import Array
 
 DT = 2e-3
 MASS, COM = 10.0, np.array([0.04, 0.0, 0.25])

@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import OptionError
-from runtime.contracts.signals import Array
-from runtime.control.cobot.kairos_qp import KairosQp, KairosQpConfig
-from runtime.control.cobot.moca_qp import MocaQp, MocaQpConfig
-from runtime.control.cobot.robot_distances import DistancesConfig, RobotDistances
-from runtime.control.robots import ARMS, PANDA, UR16E
+from srl.control.cobot.kairos_qp import KairosQp, KairosQpConfig
+from srl.control.cobot.moca_qp import MocaQp, MocaQpConfig
+from srl.control.cobot.robot_distances import DistancesConfig, RobotDistances
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import ARMS, PANDA, UR16E
 
 ON_DECK = rotation.homogeneous(np.array(MOUNT))
 FAST = np.full(10, 10.0)  # so that every pair counts

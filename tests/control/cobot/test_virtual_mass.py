@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
-from runtime.control.cobot.virtual_mass import VirtualMass
+from srl.control.cobot.admittance import Admittance, AdmittanceConfig
+from srl.control.cobot.virtual_mass import VirtualMass
 
 START = ((0.1, -0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
 

@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts import rotation
-from runtime.contracts.signals import Array
-from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import ArmDynamics, WholeBody, add_base
-from runtime.control.robots import ARMS, PANDA, Payload, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from runtime.control.shared import spd6
-from runtime.control.shared.priority import Priority
+from srl.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from srl.control.cobot.whole_body import ArmDynamics, WholeBody, add_base
+from srl.control.shared import spd6
+from srl.control.shared.priority import Priority
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import ARMS, PANDA, Payload, RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 
 MOUNT = (0.2, -0.05, 0.527, 0.96, 0.0, 0.0, 0.28)
 TOOL = (0.03, -0.02, 0.15, 0.8, 0.0, 0.6, 0.0)

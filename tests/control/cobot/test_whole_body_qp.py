@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from runtime.contracts.signals import Array
-from runtime.control.cobot.whole_body_qp import Approach, LimitsConfig, Nearest, intervals, turned_base
-from runtime.control.robots import PANDA, UR16E
+from srl.control.cobot.whole_body_qp import Approach, LimitsConfig, Nearest, intervals, turned_base
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.robots import PANDA, UR16E
 
 seeds = st.integers(0, 2**32 - 1)
 

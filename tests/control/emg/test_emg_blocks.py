@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.control.emg.blocks import GONE, Stream
-from runtime.control.emg.processing import Filters
+from srl.control.emg.blocks import GONE, Stream
+from srl.control.emg.processing import Filters
 
 RATE, BLOCK = 2000.0, 40
 

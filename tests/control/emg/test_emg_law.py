@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.files import KeptFile
-from runtime.contracts.signals import Array
-from runtime.control.emg.blocks import joined_samples
-from runtime.control.emg.law import EmgActivation, EmgActivationConfig
-from runtime.control.emg.processing import Filters, OnlineEnvelope
-from studies.toolkit import semg
+from srl.control.emg.blocks import joined_samples
+from srl.control.emg.law import EmgActivation, EmgActivationConfig
+from srl.control.emg.processing import Filters, OnlineEnvelope
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.signals import Array
+from srl.studies.toolkit import semg
 
 REST, MVC = 2e-6, 4e-4
 MADE = {

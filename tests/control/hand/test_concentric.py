@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.signals import Array
-from runtime.control.hand.concentric import ConcentricObject
-from runtime.control.hand.sphere import minimum_sphere
+from srl.control.hand.concentric import ConcentricObject
+from srl.control.hand.sphere import minimum_sphere
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.signals import Array
 
 TIPS, ROBOT = hand_tips(RELAXED), finger_tip(HOME)[None]
 CENTRE = np.array(minimum_sphere(np.concatenate([TIPS, ROBOT])))[:3]

@@ -7,9 +7,9 @@ import pytest
 from helpers.control import FIST, HOME, RELAXED, finger_tip, hand_tips
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.sphere import minimum_sphere
-from runtime.control.hand.virtual_object import Deformation, Psi, VirtualObject
+from srl.control.hand.sphere import minimum_sphere
+from srl.control.hand.virtual_object import Deformation, Psi, VirtualObject
+from srl.runtime.contracts.signals import Array
 
 ROBOT = finger_tip(HOME)[None]
 CLOSING = [hand_tips(RELAXED + u * (FIST - RELAXED)) for u in np.linspace(0.0, 1.0, 101)]

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
-from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
-from runtime.control.models import FingerModel
+from srl.control.hand.extra_finger import ExtraFinger, FingerKinematics
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.models import FingerModel
 
 REST = np.zeros(3)
 

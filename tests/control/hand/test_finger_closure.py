@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from runtime.control.hand.finger_closure import FingerClosure, FingerClosureConfig
-from runtime.control.models import FingerModel
+from srl.control.hand.finger_closure import FingerClosure, FingerClosureConfig
+from srl.runtime.models.models import FingerModel
 
 OPEN = {"abduction": 0.0, "flexion_1": -0.2, "flexion_2": 0.1, "flexion_3": 0.0}
 CLOSED = {"abduction": 0.1, "flexion_1": 1.1, "flexion_2": 1.2, "flexion_3": 0.9}

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import JOINTS, RANGES
-from runtime.control.models import HandModel
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import JOINTS, RANGES
+from srl.runtime.models.models import HandModel
 
 # The joint each sensor moves at rate one, read off the protocol sheet, section 5 (22 sensors).
 MOVES = {

@@ -23,12 +23,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.signals import Array
-from runtime.control.hand.extra_finger import ExtraFinger
-from runtime.control.hand.human_hand import FINGERS
-from runtime.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
-from runtime.control.models import FingerModel
+from srl.control.hand.extra_finger import ExtraFinger
+from srl.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS
+from srl.runtime.models.models import FingerModel
 
 TIPS = hand_tips(RELAXED)
 PARTIAL = ("middle", "ring", "little")

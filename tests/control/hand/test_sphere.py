@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.sphere import MinimumSphere, minimum_sphere
+from srl.control.hand.sphere import MinimumSphere, minimum_sphere
+from srl.runtime.contracts.signals import Array
 
 
 def brute_force(points: Array) -> float:

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.sphere import minimum_sphere
-from runtime.control.hand.virtual_object import (
+from srl.control.hand.sphere import minimum_sphere
+from srl.control.hand.virtual_object import (
     Deformation,
     Psi,
     Similarity,
@@ -20,6 +19,7 @@ from runtime.control.hand.virtual_object import (
     _any_rotation,
     _firm_rotation,
 )
+from srl.runtime.contracts.signals import Array
 
 ISOTROPIC = VirtualObject(Deformation.ISOTROPIC, Psi.NONE, 4.0)
 ROBOT = finger_tip(HOME)[None]

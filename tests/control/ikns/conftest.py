@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers.null_space_arm import calibrated
 
-from runtime.control.ikns.record import Record
+from srl.control.ikns.record import Record
 
 
 @pytest.fixture(scope="module")

@@ -10,13 +10,13 @@ from helpers.control import bound
 from helpers.mocap import made, reaching
 from pydantic import ValidationError
 
-from runtime.contracts import rotation
-from runtime.contracts.errors import ProfileError, WiringError
-from runtime.control.ikns.arm_angles import ArmAngles, ArmAnglesConfig
-from runtime.control.ikns.body import average
-from runtime.control.models import BodyModel, MarkerPlace
-from runtime.profile import profile as profiles
-from runtime.profile import wiring
+from srl.control.ikns.arm_angles import ArmAngles, ArmAnglesConfig
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.errors import ProfileError, WiringError
+from srl.runtime.models.body import average
+from srl.runtime.models.models import BodyModel, MarkerPlace
+from srl.runtime.profile import profile as profiles
+from srl.runtime.profile import wiring
 from srl.testing import check_controller, simulate
 
 MODEL = BodyModel(stature=1.75)

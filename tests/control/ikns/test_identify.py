@@ -9,9 +9,9 @@ import pytest
 from helpers import mocap
 from helpers.mocap import difference, frames, made, reaching
 
-from runtime.control.ikns.body import Body, Marker, average
-from runtime.control.ikns.identify import IdentificationError, Measures, identify, plug_in_gait
-from runtime.control.ikns.markers import MarkerFit
+from srl.control.ikns.identify import IdentificationError, Measures, identify, plug_in_gait
+from srl.control.ikns.markers import MarkerFit
+from srl.runtime.models.body import Body, Marker, average
 
 MARKS = plug_in_gait({"right": Measures()})
 ARM = ("shoulder_abduction", "shoulder_flexion", "shoulder_rotation", "elbow_flexion")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.mocap import made, off, reaching
 
-from runtime.control.ikns.body import Body, average
-from runtime.control.ikns.markers import MarkerFit
+from srl.control.ikns.markers import MarkerFit
+from srl.runtime.models.body import Body, average
 
 ARM = average(1.75, ("right",))
 ARM_MARKERS = tuple(ARM.markers)

@@ -12,9 +12,9 @@ from helpers.ikns_law import DT, follow, law, put
 from helpers.null_space_arm import MIDDLE, POINTS, Arm
 from pydantic import ValidationError
 
-from runtime.contracts.errors import ProfileError, WiringError
-from runtime.control.ikns.record import Record, RecordError
-from runtime.profile import profile, wiring
+from srl.control.ikns.record import Record, RecordError
+from srl.runtime.contracts.errors import ProfileError, WiringError
+from srl.runtime.profile import profile, wiring
 
 
 @pytest.mark.slow

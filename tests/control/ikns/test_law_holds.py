@@ -9,8 +9,8 @@ import pytest
 from helpers.ikns_law import DT, follow, law, put
 from helpers.null_space_arm import MIDDLE, POINTS, Arm
 
-from runtime.control.ikns.law import Ikns, matters
-from runtime.control.ikns.record import Record, parse
+from srl.control.ikns.law import Ikns, matters
+from srl.control.ikns.record import Record, parse
 
 
 @pytest.mark.parametrize("missing", ["angles", "hand"])

@@ -10,8 +10,8 @@ from helpers.mocap import made, off, reaching
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.control.ikns.body import Body, average
-from runtime.control.ikns.markers import MarkerFit
+from srl.control.ikns.markers import MarkerFit
+from srl.runtime.models.body import Body, average
 
 BODY = average(1.75)
 ARM = average(1.75, ("right",))

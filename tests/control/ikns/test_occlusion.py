@@ -8,11 +8,11 @@ from helpers import ROOT
 from helpers.control import bound
 from helpers.mocap import made
 
-from runtime.contracts import rotation
-from runtime.control.ikns.arm_angles import ArmAngles, ArmAnglesConfig
-from runtime.control.ikns.body import average
-from runtime.control.ikns.law import Ikns, IknsConfig
-from runtime.control.models import BodyModel
+from srl.control.ikns.arm_angles import ArmAngles, ArmAnglesConfig
+from srl.control.ikns.law import Ikns, IknsConfig
+from srl.runtime.contracts import rotation
+from srl.runtime.models.body import average
+from srl.runtime.models.models import BodyModel
 
 ARM = average(1.75, ("right",))
 DT, CATCH_UP = 0.01, 1.0

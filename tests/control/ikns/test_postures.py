@@ -8,9 +8,9 @@ from helpers.mocap import made
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.control.ikns.body import average
-from runtime.control.ikns.markers import MarkerFit
-from runtime.control.ikns.postures import Postures
+from srl.control.ikns.markers import MarkerFit
+from srl.control.ikns.postures import Postures
+from srl.runtime.models.body import average
 
 ARM = average(1.75, ("right",))
 POSTURES = Postures(ARM)

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.calibration import CalibrationError, Thresholds
-from runtime.control.ikns.marks import EXPLORATION, IDLE, STATIC, VOID, left_out, mark_of
-from runtime.control.ikns.procedure import Plan, Procedure
-from runtime.control.ikns.samples import Samples
-from runtime.control.ikns.steps import Kind, Step
+from srl.commissioning.calibration.ikns.marks import EXPLORATION, IDLE, STATIC, VOID, left_out, mark_of
+from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
+from srl.commissioning.calibration.ikns.samples import Samples
+from srl.commissioning.calibration.ikns.steps import Kind, Step
+from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.runtime.contracts.signals import Array
 
 PLAN = Plan(static=1.0, exploration=3.0, trial=1.0, settle=0.2, patience=2.0)
 FEW = Thresholds(samples=50)

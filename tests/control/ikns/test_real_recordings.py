@@ -9,10 +9,10 @@ import pytest
 from helpers import mocap
 from helpers.mocap import frames
 
-from runtime.control.ikns.body import Body, Marker, average
-from runtime.control.ikns.calibration import CalibrationError, Recording, calibrate, refusals
-from runtime.control.ikns.identify import Measures, identify, plug_in_gait
-from runtime.control.ikns.markers import MarkerFit
+from srl.control.ikns.calibration import CalibrationError, Recording, calibrate, refusals
+from srl.control.ikns.identify import Measures, identify, plug_in_gait
+from srl.control.ikns.markers import MarkerFit
+from srl.runtime.models.body import Body, Marker, average
 
 
 def recording(body: Body, markers: dict[str, np.ndarray], rate: float) -> Recording:

@@ -11,8 +11,8 @@ import pytest
 from helpers.edited import edited
 from helpers.null_space_arm import calibrated
 
-from runtime.control.ikns.calibration import Calibration
-from runtime.control.ikns.record import Record, RecordError, read, write
+from srl.control.ikns.calibration import Calibration
+from srl.control.ikns.record import Record, RecordError, read, write
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.control.ikns.calibration import Recording
-from runtime.control.ikns.marks import VOID, Marks, MarksConfig, left_out, mark_of
-from runtime.control.ikns.samples import Samples, ended, joined, seen, stretch, trials, whole
+from srl.commissioning.calibration.ikns.marks import VOID, Marks, MarksConfig, left_out, mark_of
+from srl.commissioning.calibration.ikns.samples import Samples, ended, joined, seen, stretch, trials, whole
+from srl.control.ikns.calibration import Recording
 
 
 def samples(marks: list[int], start: float = 0.0) -> Samples:

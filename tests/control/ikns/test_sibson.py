@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial import ConvexHull, Delaunay
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.delaunay import SitesError
-from runtime.control.ikns.sibson import Sibson
+from srl.control.ikns.delaunay import SitesError
+from srl.control.ikns.sibson import Sibson
+from srl.runtime.contracts.signals import Array
 
 # The calibration's points: the corners of a box and the centres of its lower and upper face, m.
 BOX = np.array([*product((-0.2, 0.2), (-0.15, 0.15), (-0.25, 0.25)), (0.0, 0.0, -0.25), (0.0, 0.0, 0.25)])

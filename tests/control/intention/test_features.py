@@ -8,9 +8,9 @@ from helpers.intention import JOINTS, SKELETON, session
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.rotation import matrices, product
-from runtime.contracts.signals import Array
-from runtime.control.intention.features import FEATURES, FRAME, FRAMES, POSTURE, features, frame, frames
+from srl.control.intention.features import FEATURES, FRAME, FRAMES, POSTURE, features, frame, frames
+from srl.runtime.contracts.rotation import matrices, product
+from srl.runtime.contracts.signals import Array
 
 AT = 100  # a sample in the middle of an action
 

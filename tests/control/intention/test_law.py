@@ -24,12 +24,12 @@ from helpers.intention import (
 )
 from helpers.shared import shared
 
-from runtime.contracts.errors import SrlError
-from runtime.contracts.files import KeptFile
-from runtime.control.intention.features import FRAMES, joints
-from runtime.control.intention.law import Intention, IntentionConfig
-from runtime.control.intention.training import train
-from sim.parts.body.motion import Recorded, Script
+from srl.control.intention.features import FRAMES, joints
+from srl.control.intention.law import Intention, IntentionConfig
+from srl.control.intention.training import train
+from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.files import KeptFile
+from srl.sim.parts.body.motion import Recorded, Script
 from srl.testing import check_controller
 
 PEOPLE = (1, 2, 3, 4, 5, 6)

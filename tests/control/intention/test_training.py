@@ -10,11 +10,11 @@ from helpers.intention import ACTIONS, TRUNK, of_people, own, record_of, session
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.control.intention.decision import NONE, Decision
-from runtime.control.intention.discriminant import fit, posterior, temperature
-from runtime.control.intention.features import FEATURES, FRAMES
-from runtime.control.intention.record import Record, RecordError, parse
-from runtime.control.intention.training import Thresholds, TrainingError, Trial, refusals, train, windows
+from srl.control.intention.decision import NONE, Decision
+from srl.control.intention.discriminant import fit, posterior, temperature
+from srl.control.intention.features import FEATURES, FRAMES
+from srl.control.intention.record import Record, RecordError, parse
+from srl.control.intention.training import Thresholds, TrainingError, Trial, refusals, train, windows
 
 PEOPLE = (1, 2, 3, 4, 5, 6)
 FEW = Thresholds()

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Array
-from runtime.control.operation.demonstration import PERIOD, TaskError, TaskPath, Thresholds, path_of
+from srl.control.operation.demonstration import PERIOD, TaskError, TaskPath, Thresholds, path_of
+from srl.runtime.contracts.signals import Array
 
 SECONDS = 4.0
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.operation import ACCELERATION, DT, SPEED, cycle, law, press, teach
 
-from runtime.contracts.files import KeptFile
-from runtime.control.operation.law import IndependentOperation, Mode
+from srl.control.operation.law import IndependentOperation, Mode
+from srl.runtime.contracts.files import KeptFile
 
 SHIFT = (-0.15, -0.3, 0.12)  # from the stretched hand's path to where the arm has room
 

@@ -7,9 +7,9 @@ from helpers.skeleton import human_srl
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.control.operation.demonstration import TaskError, TaskPath
-from runtime.control.operation.reach import Reach
-from runtime.control.operation.worn import Worn
+from srl.control.operation.demonstration import TaskError, TaskPath
+from srl.control.operation.reach import Reach
+from srl.control.operation.worn import Worn
 
 
 def arm() -> Worn:

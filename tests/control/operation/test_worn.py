@@ -7,9 +7,9 @@ from helpers.skeleton import human_srl, tip
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.rotation import from_euler_xyz
-from runtime.contracts.signals import Array
-from runtime.control.operation.worn import Worn
+from srl.control.operation.worn import Worn
+from srl.runtime.contracts.rotation import from_euler_xyz
+from srl.runtime.contracts.signals import Array
 
 
 def worn(person: Hand) -> Worn:

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from runtime.contracts.controller import Controller
-from runtime.control.setpoint.axis_position import AxisPosition, AxisPositionConfig
-from runtime.control.setpoint.axis_rate import AxisRate, AxisRateConfig
-from runtime.control.setpoint.press_toggle import PressToggle, PressToggleConfig
+from srl.control.setpoint.axis_position import AxisPosition, AxisPositionConfig
+from srl.control.setpoint.axis_rate import AxisRate, AxisRateConfig
+from srl.control.setpoint.press_toggle import PressToggle, PressToggleConfig
+from srl.runtime.contracts.controller import Controller
 
 DT = 0.01
 ANY = st.floats(allow_nan=True, allow_infinity=True)

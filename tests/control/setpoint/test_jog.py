@@ -7,7 +7,7 @@ import pytest
 from helpers.control import bound
 from pydantic import ValidationError
 
-from runtime.control.setpoint.jog import HOLD, REST, Jog, JogConfig
+from srl.control.setpoint.jog import HOLD, REST, Jog, JogConfig
 
 DT = 0.01
 RESTED = round(REST / DT) + 1  # cycles

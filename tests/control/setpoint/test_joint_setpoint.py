@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.control import bound
 
-from runtime.contracts.errors import ProfileError
-from runtime.control.setpoint.joint_setpoint import JointSetpoint, JointSetpointConfig
+from srl.control.setpoint.joint_setpoint import JointSetpoint, JointSetpointConfig
+from srl.runtime.contracts.errors import ProfileError
 
 
 def jog() -> JointSetpoint:

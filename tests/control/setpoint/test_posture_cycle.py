@@ -7,7 +7,7 @@ import pytest
 from helpers.control import bound
 from pydantic import ValidationError
 
-from runtime.control.setpoint.posture_cycle import PostureCycle, PostureCycleConfig
+from srl.control.setpoint.posture_cycle import PostureCycle, PostureCycleConfig
 
 A, B = {"a": 0.0, "b": 0.0}, {"a": -0.5, "b": 0.1}
 

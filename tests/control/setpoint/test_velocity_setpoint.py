@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.control import bound
 
-from runtime.contracts.errors import ProfileError
-from runtime.control.setpoint.velocity_setpoint import VelocitySetpoint, VelocitySetpointConfig
+from srl.control.setpoint.velocity_setpoint import VelocitySetpoint, VelocitySetpointConfig
+from srl.runtime.contracts.errors import ProfileError
 
 
 def test_zero_until_a_new_finite_target_comes_and_zero_without_one() -> None:

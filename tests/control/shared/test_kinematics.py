@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from ruamel.yaml import YAML
 
-from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS, RANGES, hand_geometry
-from runtime.control.hand.point_series import PointSeries
-from runtime.control.shared.kinematics import Chain
+from srl.control.hand.point_series import PointSeries
+from srl.control.shared.kinematics import Chain
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.human_hand import FINGERS, RANGES, hand_geometry
 
 angle = st.floats(-3.2, 3.2)
 

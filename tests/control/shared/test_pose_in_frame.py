@@ -9,10 +9,10 @@ import pytest
 from helpers.control import bound
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from runtime.contracts.errors import WiringError
-from runtime.control.shared.pose_in_frame import PoseInFrame, PoseInFrameConfig
-from runtime.ipc.words import Cause, State
-from runtime.profile import profile, wiring
+from srl.control.shared.pose_in_frame import PoseInFrame, PoseInFrameConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.ipc.words import Cause, State
+from srl.runtime.profile import profile, wiring
 from srl.testing import simulate
 
 PROFILE = """

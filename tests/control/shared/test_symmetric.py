@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.shared.symmetric import (
+from srl.control.shared.symmetric import (
     FIRM,
     Symmetric,
     eigen,
@@ -21,6 +20,7 @@ from runtime.control.shared.symmetric import (
     raised_inverse,
     times,
 )
+from srl.runtime.contracts.signals import Array
 
 
 def full(M: Symmetric) -> Array:

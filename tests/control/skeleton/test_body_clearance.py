@@ -12,13 +12,13 @@ from helpers.skeleton import TWO
 from pydantic import ValidationError
 from scipy.optimize import minimize
 
-from runtime.contracts.clearance import NEVER, Braking
-from runtime.contracts.errors import WiringError
-from runtime.contracts.rotation import from_euler_xyz
-from runtime.contracts.signals import Command, Kind
-from runtime.control.skeleton import body_clearance
-from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
-from runtime.control.skeleton.envelope import link_nodes
+from srl.control.skeleton import body_clearance
+from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from srl.control.skeleton.envelope import link_nodes
+from srl.runtime.contracts.clearance import NEVER, Braking
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.rotation import from_euler_xyz
+from srl.runtime.contracts.signals import Command, Kind
 
 MS = 1_000_000
 
@@ -287,7 +287,7 @@ def test_what_is_seen_where_the_limb_is_now_stands_for_one_cycle_and_one_place()
 
 
 def test_heights_and_speeds_of_ends_are_those_of_the_law():
-    """H_je and w_je as `runtime.control.shared.approach` defines them, pair by pair in plain vectors."""
+    """H_je and w_je as `srl.control.shared.approach` defines them, pair by pair in plain vectors."""
     made, wearer = judge()
     for k in range(12):
         made.input["rotation"][:] = wearer.rotation(0.3 + k * 0.02)

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from runtime.control.skeleton.capsules import Nearest, between, nearest
-from runtime.control.skeleton.envelope import link_nodes, reaches
-from runtime.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.capsules import Nearest, between, nearest
+from srl.control.skeleton.envelope import link_nodes, reaches
+from srl.control.skeleton.kinematics import Kinematics
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers.blame import BLAME, DT, Gap
 
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.body_clearance import BodyClearanceConfig
-from runtime.profile import profile
+from srl.control.skeleton.body_clearance import BodyClearanceConfig
+from srl.runtime.models.models import ArmsModel
+from srl.runtime.profile import profile
 from srl.testing import simulate
 
 NEAR = np.array([0.08, 0.08, 0.08, 0.08, 0.005, 0.08, 0.08])

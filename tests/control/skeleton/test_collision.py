@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers.blame import HIGH, LOW, Wearer, truth
 
-from runtime.contracts.errors import OptionError
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.body_clearance import BodyClearanceConfig
-from runtime.control.skeleton.collision import Collision, CollisionConfig
+from srl.control.skeleton.body_clearance import BodyClearanceConfig
+from srl.control.skeleton.collision import Collision, CollisionConfig
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.models.models import ArmsModel
 from srl.testing import bound
 
 DT = 0.01

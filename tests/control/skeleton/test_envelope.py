@@ -7,10 +7,10 @@ from helpers.blame import Wearer
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.rotation import from_euler_xyz, product
-from runtime.control.skeleton.body_clearance import BodyClearanceConfig
-from runtime.control.skeleton.body_motion import BodyMotion
-from runtime.control.skeleton.capsules import nearest
+from srl.control.skeleton.body_clearance import BodyClearanceConfig
+from srl.control.skeleton.body_motion import BodyMotion
+from srl.control.skeleton.capsules import nearest
+from srl.runtime.contracts.rotation import from_euler_xyz, product
 
 FINGERS = ("Index", "Middle", "Ring", "Pinky")
 BENT, STRAIGHT = (85.0, 90.0, 60.0, 0.0), (0.0, 0.0, 0.0, 0.0)

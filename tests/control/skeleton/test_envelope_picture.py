@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.blame import HIGH, LOW, Wearer
 
-from runtime.control.skeleton.body_clearance import BodyClearanceConfig
-from runtime.control.skeleton.collision import Collision, CollisionConfig
-from runtime.control.skeleton.envelope import PARTS
-from runtime.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.body_clearance import BodyClearanceConfig
+from srl.control.skeleton.collision import Collision, CollisionConfig
+from srl.control.skeleton.envelope import PARTS
+from srl.control.skeleton.kinematics import Kinematics
 from srl.testing import bound
 
 

@@ -8,13 +8,13 @@ from helpers.skeleton import human_srl
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.errors import OptionError
-from runtime.control.models import ArmJointEntry, ArmsModel
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.skeleton.tree import Node, Tree
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.models.models import ArmJointEntry, ArmsModel
+from srl.runtime.models.skeleton.tree import Node, Tree
 
 FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
 

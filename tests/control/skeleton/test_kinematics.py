@@ -9,10 +9,10 @@ from helpers.skeleton import FILES, FOLDER, ONE, THREE, TWO, human_srl, tip
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.runtime.models.models import ArmsModel
+from srl.runtime.models.skeleton import bvh
 
 STILL = np.tile([1.0, 0.0, 0.0, 0.0], (59, 1))
 

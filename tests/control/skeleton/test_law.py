@@ -9,13 +9,13 @@ from helpers.shared import shared
 from helpers.skeleton import FILES, FOLDER, TWO, tip
 from pydantic import ValidationError
 
-from drivers.noitom.config import signals
-from drivers.noitom.skeleton import Skeleton as Suit
-from runtime.contracts.files import Files
-from runtime.control.models import ArmsModel, context
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.law import Skeleton, SkeletonLawConfig
-from runtime.control.skeleton.paper import PaperVector
+from srl.control.skeleton.law import Skeleton, SkeletonLawConfig
+from srl.control.skeleton.paper import PaperVector
+from srl.drivers.noitom.config import signals
+from srl.drivers.noitom.skeleton import Skeleton as Suit
+from srl.runtime.contracts.files import Files
+from srl.runtime.models.models import ArmsModel, context
+from srl.runtime.models.skeleton import bvh
 
 
 def law(**options: object) -> Skeleton:

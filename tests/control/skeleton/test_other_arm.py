@@ -7,14 +7,14 @@ import pytest
 from helpers.blame import HIGH, LOW, A, V, Wearer
 from helpers.guard import guard_of
 
-from runtime.contracts.clearance import Braking
-from runtime.contracts.signals import Array, Command, Kind
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.arms import SIDES, Side
-from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
-from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import link_nodes
-from runtime.profile import profile, wiring
+from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from srl.control.skeleton.capsules import nearest
+from srl.control.skeleton.envelope import link_nodes
+from srl.runtime.contracts.clearance import Braking
+from srl.runtime.contracts.signals import Array, Command, Kind
+from srl.runtime.models.models import ArmsModel
+from srl.runtime.models.skeleton.arms import SIDES, Side
+from srl.runtime.profile import profile, wiring
 
 DT, LAG, C = 0.01, 0.03, 0.02
 BASE = (-0.15, 0.05, 0.35)  # m, as in human-srl-two

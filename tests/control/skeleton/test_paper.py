@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.dynamixel.models import COUNTS, PER_COUNT
-from runtime.contracts.rotation import matrices
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.paper import PaperVector
+from srl.control.skeleton.paper import PaperVector
+from srl.drivers.dynamixel.models import COUNTS, PER_COUNT
+from srl.runtime.contracts.rotation import matrices
+from srl.runtime.models.skeleton import bvh
 
 STILL = np.tile([1.0, 0.0, 0.0, 0.0], (59, 1))
 Q = np.array([0.1, 0.2, 0.3, 0.4, 0.05, 0.6, 0.7])

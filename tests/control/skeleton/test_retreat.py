@@ -7,10 +7,10 @@ import pytest
 from helpers.blame import DT, HIGH, LAG, LOW, A, Gap, V, Wearer
 from helpers.guard import guard_of
 
-from runtime.contracts.rotation import from_euler_xyz, product
-from runtime.contracts.signals import Command, Kind
-from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
-from runtime.control.skeleton.retreat import Retreat, RetreatConfig
+from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from srl.control.skeleton.retreat import Retreat, RetreatConfig
+from srl.runtime.contracts.rotation import from_euler_xyz, product
+from srl.runtime.contracts.signals import Command, Kind
 from srl.testing import bound, check_controller
 
 TARGET = np.array([-0.6, -0.5, 0.0, -0.6, 0.0, 0.0, 0.0])

@@ -5,15 +5,15 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from runtime.cli import main
-from runtime.contracts.errors import SrlError, WiringError
-from runtime.contracts.signals import Command, Kind
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
-from runtime.control.skeleton.collision import CollisionConfig
-from runtime.control.skeleton.retreat import RetreatConfig
-from runtime.control.strap.law import StrapBaseConfig
-from runtime.profile import profile, wiring
+from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from srl.control.skeleton.collision import CollisionConfig
+from srl.control.skeleton.retreat import RetreatConfig
+from srl.control.strap.law import StrapBaseConfig
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import SrlError, WiringError
+from srl.runtime.contracts.signals import Command, Kind
+from srl.runtime.models.models import ArmsModel
+from srl.runtime.profile import profile, wiring
 
 TWO = ArmsModel(sides=("right", "left"))
 CLEAR = (

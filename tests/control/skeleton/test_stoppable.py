@@ -7,12 +7,12 @@ import pytest
 from helpers.blame import HIGH, LOW, A, V, Wearer
 from helpers.guard import guard_of
 
-from runtime.contracts.signals import Array, Command, Kind
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
-from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import link_nodes
-from runtime.guard.verified import brake_together, stop_time
+from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from srl.control.skeleton.capsules import nearest
+from srl.control.skeleton.envelope import link_nodes
+from srl.runtime.contracts.signals import Array, Command, Kind
+from srl.runtime.guard.verified import brake_together, stop_time
+from srl.runtime.models.models import ArmsModel
 
 DT, LAG, C, LATENCY, STEP = 0.01, 0.03, 0.02, 0.03, 0.005
 

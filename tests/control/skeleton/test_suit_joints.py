@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.suit_joints import SuitJoints, SuitJointsConfig
-from runtime.control.skeleton.suit_segments import SuitSegments, SuitSegmentsConfig
+from srl.control.skeleton.human import human
+from srl.control.skeleton.suit_joints import SuitJoints, SuitJointsConfig
+from srl.control.skeleton.suit_segments import SuitSegments, SuitSegmentsConfig
 from srl.testing import ControllerConformance
 
 TREE = human()

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import OptionError
-from runtime.contracts.rotation import exp
-from runtime.control.models import ArmsModel
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
-from runtime.control.strap.axes import Axis
-from runtime.control.strap.correction import Correction
-from runtime.control.strap.law import StrapBase, StrapBaseConfig
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.control.strap.axes import Axis
+from srl.control.strap.correction import Correction
+from srl.control.strap.law import StrapBase, StrapBaseConfig
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.rotation import exp
+from srl.runtime.models.models import ArmsModel
 from srl.testing import bound, check_controller
 
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.rotation import exp
-from runtime.control.strap.axes import Axes
-from runtime.control.strap.correction import Correction
-from runtime.control.strap.tilt import UP_Y, UP_Z, tilt, up_in
+from srl.control.strap.axes import Axes
+from srl.control.strap.correction import Correction
+from srl.control.strap.tilt import UP_Y, UP_Z, tilt, up_in
+from srl.runtime.contracts.rotation import exp
 
 
 def oracle() -> Any:

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from ruamel.yaml import YAML
 
-from runtime.control.robots import ARMS, FR3, PANDA, SUMMIT_XL, UR16E, Payload, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
-from sim.world.mjcf import add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import add_arm
+from srl.runtime.models.robots import ARMS, FR3, PANDA, SUMMIT_XL, UR16E, Payload, RobotDescription
+from srl.runtime.models.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import add_arm
 
 
 def sheet(name: str) -> dict[str, Any]:

@@ -14,13 +14,13 @@ import pytest
 from helpers.arm_urdf import ALL, HIP, TIPS, XACRO
 from pydantic import ValidationError
 
-from runtime.contracts.errors import OptionError
-from runtime.contracts.files import KeptFile
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from sim.world.mjcf import add
-from sim.world.part import Mjcf
-from sim.world.robot_mjcf import add_chain
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf
+from srl.sim.world.robot_mjcf import add_chain
 
 RNG = np.random.default_rng(5)
 

@@ -10,11 +10,11 @@ import pytest
 from helpers.arm_urdf import ALL, TIPS
 from helpers.urdf import URDF, write_urdf
 
-from runtime.contracts.errors import OptionError
-from runtime.contracts.files import KeptFile
-from runtime.contracts.linkage import Link
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots import RobotDescription, urdf, urdf_arm
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.linkage import Link
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots import RobotDescription, urdf, urdf_arm
 
 FILE = Path("hand.urdf")
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'

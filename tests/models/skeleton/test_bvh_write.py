@@ -8,10 +8,10 @@ import pytest
 from helpers.shared import shared
 from helpers.skeleton import FOLDER, THREE, TWO, human_srl
 
-from runtime.contracts.errors import RecordingError
-from runtime.contracts.rotation import Order, matrices
-from runtime.control.skeleton import bvh
-from runtime.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.kinematics import Kinematics
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.rotation import Order, matrices
+from srl.runtime.models.skeleton import bvh
 
 
 @pytest.mark.parametrize("order", get_args(Order))

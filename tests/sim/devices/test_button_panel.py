@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from helpers.peer import Peer, bound, cycles
 
-from drivers.firmata import Firmata
-from drivers.firmata.config import FirmataConfig
-from runtime.contracts.errors import WiringError
-from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.firmata import Firmata
+from srl.drivers.firmata.config import FirmataConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from srl.sim.world.cell import Cell, CellConfig
 
 BUTTONS = {name: {"pin": 2 + i} for i, name in enumerate(("admittance", "mode", "gripper", "priority"))}
 PRESSES = {"admittance": [[0.3, 0.5]], "mode": [[0.4, 0.405]], "gripper": [[0.6, 1.5]], "priority": [[0.7, 0.9]]}

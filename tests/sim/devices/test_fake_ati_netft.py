@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from helpers.ft import at_sensor, bound, cell, push
 
-from drivers.ati_netft import AtiNetFt
-from drivers.ati_netft.config import AtiNetFtConfig
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
+from srl.drivers.ati_netft import AtiNetFt
+from srl.drivers.ati_netft.config import AtiNetFtConfig
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
 
 MS = 1_000_000
 

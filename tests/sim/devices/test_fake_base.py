@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from helpers.zenoh import bound
 
-from drivers.base import BaseConfig, MobileBase
-from drivers.base.driver import COMMAND
-from runtime.contracts import registry
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Signal, Stop
-from runtime.contracts.terms import PLANAR_TWIST
-from runtime.guard import GUARDS
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import State
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from sim.devices.base.fake import FakeBase, FakeBaseOptions
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.base import BaseConfig, MobileBase
+from srl.drivers.base.driver import COMMAND
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Signal, Stop
+from srl.runtime.contracts.terms import PLANAR_TWIST
+from srl.runtime.guard import GUARDS
+from srl.runtime.ipc.requests import RequestKind
+from srl.runtime.ipc.words import State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile, wiring
+from srl.sim.devices.base.fake import FakeBase, FakeBaseOptions
+from srl.sim.world.cell import Cell, CellConfig
 
 STEP = 10_000_000  # ns
 CONFIG = BaseConfig(port="tcp://127.0.0.1:7447")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from helpers.can_drives import FakeRig, cell, odrive, servo
 
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
 
 SEVEN = tuple(f"j{k}" for k in range(1, 8))
 KINDS = {"odrive": odrive, "cubemars-servo": servo}

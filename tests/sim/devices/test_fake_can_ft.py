@@ -3,9 +3,9 @@
 import numpy as np
 from helpers.ft import bound, cell, push
 
-from drivers.can_ft import CanFt
-from drivers.can_ft.driver import CanFtConfig
-from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
+from srl.drivers.can_ft import CanFt
+from srl.drivers.can_ft.driver import CanFtConfig
+from srl.sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
 
 MS = 1_000_000
 

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 
-from drivers.cyberglove import CyberGlove, calibration
-from drivers.cyberglove.protocol import LABELS
-from runtime.contracts.errors import DeviceError, DeviceLostError, ProfileError, WiringError
-from runtime.control.hand.human_hand import RANGES
-from sim.devices.cyberglove.fake import FakeCyberGlove
-from sim.wearer.joints import to_glove, to_model
+from srl.drivers.cyberglove import CyberGlove, calibration
+from srl.drivers.cyberglove.protocol import LABELS
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, ProfileError, WiringError
+from srl.runtime.models.human_hand import RANGES
+from srl.sim.devices.cyberglove.fake import FakeCyberGlove
+from srl.sim.wearer.joints import to_glove, to_model
 
 EXACT = {"noise": 0.0, "delay": 0.0, "quantise": False}
 

@@ -5,11 +5,11 @@ import pytest
 from helpers.dynamixel import MS, THREE, Rig, cell, config, make_twin
 from helpers.sim import bind
 
-from drivers.dynamixel import Dynamixel
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Stop
-from sim.devices.dynamixel.fake import FakeDynamixel
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.dynamixel import Dynamixel
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Stop
+from srl.sim.devices.dynamixel.fake import FakeDynamixel
+from srl.sim.world.cell import Cell, CellConfig
 
 PERIOD = 10 * MS
 

@@ -6,11 +6,11 @@ from helpers.dynamixel import MS
 from helpers.feetech import TWO, FeetechRig, cell, config, make_twin
 from helpers.sim import bind
 
-from drivers.feetech import Feetech
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Stop
-from sim.devices.feetech.fake import FakeFeetech
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.feetech import Feetech
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Stop
+from srl.sim.devices.feetech.fake import FakeFeetech
+from srl.sim.world.cell import Cell, CellConfig
 
 PERIOD = 10 * MS
 SIDEWAYS = {"one": {"model": "STS3215"}}

@@ -8,10 +8,10 @@ from helpers.sim import MS, Elsewhere, bind, world
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.firmata import Firmata
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Stop
-from sim.devices.firmata.fake import FakeFirmata
+from srl.drivers.firmata import Firmata
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Stop
+from srl.sim.devices.firmata.fake import FakeFirmata
 
 JOINTS = ("abduction", "flexion_1", "flexion_2", "flexion_3")
 CONFIG = {

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from helpers.zenoh import Still, bound
 
-from drivers.lsl import LslConfig
-from runtime.contracts.errors import DeviceLostError, HostError, WiringError
-from runtime.contracts.signals import Signal
-from runtime.contracts.world import World
-from sim.devices.lsl import twin
-from sim.devices.lsl.fake import FakeLsl, FakeLslOptions
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.lsl import LslConfig
+from srl.runtime.contracts.errors import DeviceLostError, HostError, WiringError
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.world import World
+from srl.sim.devices.lsl import twin
+from srl.sim.devices.lsl.fake import FakeLsl, FakeLslOptions
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 SIGNALS: dict[str, Any] = {
@@ -107,7 +107,7 @@ def test_the_outlet_sends_what_the_profile_asks_for_in_the_sender_s_units() -> N
 
 
 def test_the_outlet_is_refused_where_others_could_reach_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("runtime.contracts.reach._addresses", lambda: ["192.0.2.7"])
-    monkeypatch.setattr("runtime.contracts.reach.reachable", lambda: ["192.0.2.7"])
+    monkeypatch.setattr("srl.runtime.contracts.reach._addresses", lambda: ["192.0.2.7"])
+    monkeypatch.setattr("srl.runtime.contracts.reach.reachable", lambda: ["192.0.2.7"])
     with pytest.raises(HostError, match=r"at 192\.0\.2\.7.*unshare"):
         twin.LslTwin(fake()).open()

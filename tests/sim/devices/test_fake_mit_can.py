@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers.mit_can import AK, ONE, PERIOD, TWO, Limb, cell
 
-from drivers.mit_can import MitCan, protocol
-from drivers.mit_can.protocol import Register
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Kind, Stop
+from srl.drivers.mit_can import MitCan, protocol
+from srl.drivers.mit_can.protocol import Register
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Kind, Stop
 
 MS = 1e-3
 

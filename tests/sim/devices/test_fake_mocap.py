@@ -9,10 +9,10 @@ import pytest
 from helpers import natnet, xsens
 from helpers.twin import bound
 
-from runtime.contracts.errors import DeviceError, WiringError
-from sim.devices.natnet.fake import FakeNatNet
-from sim.devices.xsens_mvn.fake import FakeMvn
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.errors import DeviceError, WiringError
+from srl.sim.devices.natnet.fake import FakeNatNet
+from srl.sim.devices.xsens_mvn.fake import FakeMvn
+from srl.sim.world.cell import Cell, CellConfig
 
 CASES: list[tuple[Any, dict[str, Any]]] = [
     (natnet, natnet.WANTED | {"unlabelled": 1}),

@@ -9,14 +9,14 @@ import pytest
 from helpers.twin import bound
 from pydantic import ValidationError
 
-from drivers.noitom import Noitom
-from drivers.noitom.protocol import COUNTS
-from drivers.noitom.skeleton import Skeleton, is_finger
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Array
-from sim.devices.noitom.fake import FakeNoitom
-from sim.parts.body.body import BodyPart
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.noitom import Noitom
+from srl.drivers.noitom.protocol import COUNTS
+from srl.drivers.noitom.skeleton import Skeleton, is_finger
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.noitom.fake import FakeNoitom
+from srl.sim.parts.body.body import BodyPart
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 QUIET = {"noise": 0.0, "delay": 0.0}

@@ -12,12 +12,12 @@ from helpers.sim import world
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.panda import Panda
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Array, Stop
-from runtime.control.robots import PANDA
-from sim.devices.panda.fake import FakePanda
-from sim.devices.panda.robot import FakePandaConfig
+from srl.drivers.panda import Panda
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.models.robots import PANDA
+from srl.sim.devices.panda.fake import FakePanda
+from srl.sim.devices.panda.robot import FakePandaConfig
 
 
 class Loop:

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from helpers.ft import bound
 
-from drivers.softhand import SoftHand
-from drivers.softhand.config import SoftHandConfig
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
-from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
-from sim.parts.robots.softhand import SoftHandConfig as PartOptions
-from sim.parts.robots.softhand import SoftHandPart
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.softhand import SoftHand
+from srl.drivers.softhand.config import SoftHandConfig
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Stop
+from srl.sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
+from srl.sim.parts.robots.softhand import SoftHandConfig as PartOptions
+from srl.sim.parts.robots.softhand import SoftHandPart
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 

@@ -6,9 +6,9 @@ from helpers.twin import bound
 from helpers.ur import advance, make_fake, speed
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Stop
-from sim.devices.ur.fake import Q
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Stop
+from srl.sim.devices.ur.fake import Q
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 

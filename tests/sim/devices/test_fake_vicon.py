@@ -8,9 +8,9 @@ from helpers.vicon import PARTS, config, driver, fake
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from drivers.vicon import Vicon
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from sim.devices.vicon.fake import FakeVicon
+from srl.drivers.vicon import Vicon
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.sim.devices.vicon.fake import FakeVicon
 
 MS = 1_000_000
 EXACT = {"noise": 0.0, "delay": 0.0}

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from helpers.zenoh import Still, bound
 
-from drivers.zenoh import Zenoh, ZenohConfig
-from runtime.contracts.errors import DeviceLostError, WiringError
-from runtime.contracts.signals import Signal
-from runtime.contracts.world import World
-from runtime.messages import messages
-from sim.devices.zenoh.fake import FakeZenoh, FakeZenohOptions
-from sim.devices.zenoh.twin import ZenohTwin
+from srl.drivers.zenoh import Zenoh, ZenohConfig
+from srl.runtime.contracts.errors import DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.world import World
+from srl.runtime.messages import messages
+from srl.sim.devices.zenoh.fake import FakeZenoh, FakeZenohOptions
+from srl.sim.devices.zenoh.twin import ZenohTwin
 
 MS = 1_000_000
 SIGNALS = {

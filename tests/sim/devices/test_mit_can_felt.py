@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from helpers.mit_can import AK, PERIOD, TWO, Limb
 
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Array, Stop
 
 LONG = 1.5  # s that are looked at
 

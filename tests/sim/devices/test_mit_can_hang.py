@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.mit_can import AK, PERIOD, Limb
 
-from runtime.contracts.signals import Array, Stop
+from srl.runtime.contracts.signals import Array, Stop
 
 
 def hung(silence: float, seconds: float, category: Stop, written: bool | None = None) -> tuple[Array, Array]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers.toy import Law
 
-from runtime.contracts import registry
-from runtime.contracts.errors import WiringError
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import WiringError
 from srl.testing import Lab
 
 PROFILE = """

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from helpers.panda import Cabinet
 
-from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Status
-from drivers.panda.requests import Move, SetCollisionBehavior, SetJointImpedance, SetLoad
-from runtime.control.robots import FR3, PANDA
-from sim.devices.panda.motion import LOST_IN_A_ROW, Setpoint, limits_of
+from srl.drivers.panda.packets import RobotMode
+from srl.drivers.panda.protocol import Status
+from srl.drivers.panda.requests import Move, SetCollisionBehavior, SetJointImpedance, SetLoad
+from srl.runtime.models.robots import FR3, PANDA
+from srl.sim.devices.panda.motion import LOST_IN_A_ROW, Setpoint, limits_of
 
 TORQUE, VELOCITY, POSITION = Move(2, 1), Move(0, 1), Move(0, 0)
 FREE = SetCollisionBehavior(*[(1e3,) * 7] * 4, *[(1e3,) * 6] * 4)

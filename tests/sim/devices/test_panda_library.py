@@ -14,11 +14,11 @@ import pinocchio as pin
 import pytest
 from helpers.wait import until
 
-from runtime.control.robots import FR3, PANDA
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from sim.devices.panda.motion import limits_of
-from sim.devices.panda.twin_library import Build
-from sim.devices.panda.twin_urdf import urdf
+from srl.runtime.models.robots import FR3, PANDA
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.sim.devices.panda.motion import limits_of
+from srl.sim.devices.panda.twin_library import Build
+from srl.sim.devices.panda.twin_urdf import urdf
 
 MASS, COM, INERTIA = 1.5, np.array([0.1, 0.02, 0.05]), np.array([[0.1, 0.01, 0], [0.01, 0.2, 0], [0, 0, 0.3]])
 Call = Callable[..., Any]
@@ -93,7 +93,7 @@ def test_kinematics_in_c_are_pinocchios(call: Call, q: Any, dq: Any) -> None:
 
 
 def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.devices.panda.twin_library._done", {})
+    monkeypatch.setattr("srl.sim.devices.panda.twin_library._done", {})
     monkeypatch.setattr("shutil.which", lambda _: None)
     build = Build()
     assert build.poll()

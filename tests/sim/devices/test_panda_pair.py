@@ -14,11 +14,11 @@ from helpers import panda as helpers_panda
 from helpers.panda import QUIET
 from helpers.wait import until
 
-from drivers.panda import Panda
-from drivers.panda.packets import RobotMode
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Stop
-from runtime.control.robots import PANDA
+from srl.drivers.panda import Panda
+from srl.drivers.panda.packets import RobotMode
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.signals import Array, Stop
+from srl.runtime.models.robots import PANDA
 
 
 class Pair:

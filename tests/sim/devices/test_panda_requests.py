@@ -10,9 +10,9 @@ from helpers.fuzz import mutations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.panda.protocol import encode_request
-from drivers.panda.requests import AutomaticErrorRecovery, Body, Connect, Move, SetLoad, StopMove
-from sim.devices.panda.twin_requests import Session
+from srl.drivers.panda.protocol import encode_request
+from srl.drivers.panda.requests import AutomaticErrorRecovery, Body, Connect, Move, SetLoad, StopMove
+from srl.sim.devices.panda.twin_requests import Session
 
 ROBOT = helpers_panda.Cabinet().robot
 SEEN: Counter[str] = Counter()

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from helpers.panda import Cabinet
 
-from drivers.panda.protocol import Status
-from drivers.panda.requests import (
+from srl.drivers.panda.protocol import Status
+from srl.drivers.panda.requests import (
     Move,
     SetCartesianImpedance,
     SetCollisionBehavior,

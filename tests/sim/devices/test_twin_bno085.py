@@ -11,13 +11,13 @@ from helpers.twin import Bench
 from helpers.wait import until
 from scipy.spatial.transform import Rotation
 
-from drivers.bno085 import Bno085, Bno085Config
-from drivers.bno085.protocol import Record, encode
-from drivers.transport import open_transport
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.bno085.fake import FakeBno085, FakeBno085Config
-from sim.devices.bno085.twin import Bno085Twin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.bno085 import Bno085, Bno085Config
+from srl.drivers.bno085.protocol import Record, encode
+from srl.drivers.transport import open_transport
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.bno085.fake import FakeBno085, FakeBno085Config
+from srl.sim.devices.bno085.twin import Bno085Twin
+from srl.sim.world.cell import Cell, CellConfig
 from srl.testing import bound
 
 MS = 1_000_000

@@ -8,14 +8,14 @@ from helpers.sim import world
 from helpers.twin import Bench, Client, StillWorld, bound
 from helpers.wait import until
 
-from drivers.cyberglove import CyberGlove
-from drivers.cyberglove.driver import CyberGloveConfig
-from drivers.cyberglove.protocol import Parser, Record
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.profile import profile, wiring
-from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
-from sim.devices.cyberglove.twin import CyberGloveTwin
-from sim.world.cell import Cell
+from srl.drivers.cyberglove import CyberGlove
+from srl.drivers.cyberglove.driver import CyberGloveConfig
+from srl.drivers.cyberglove.protocol import Parser, Record
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.profile import profile, wiring
+from srl.sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
+from srl.sim.devices.cyberglove.twin import CyberGloveTwin
+from srl.sim.world.cell import Cell
 
 RAW = bytes(range(10, 221, 10))
 # Sheet cyberglove, §8, in its order: the host's bytes, the glove's.

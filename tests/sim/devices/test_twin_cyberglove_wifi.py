@@ -12,12 +12,12 @@ import pytest
 from helpers.twin import StillWorld, bound
 from helpers.wait import until
 
-from drivers.cyberglove import CyberGlove
-from drivers.cyberglove.driver import CyberGloveConfig
-from drivers.transport import listening, open_transport
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
-from sim.devices.cyberglove.twin import CyberGloveTwin
+from srl.drivers.cyberglove import CyberGlove
+from srl.drivers.cyberglove.driver import CyberGloveConfig
+from srl.drivers.transport import listening, open_transport
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
+from srl.sim.devices.cyberglove.twin import CyberGloveTwin
 
 
 def free_port() -> int:

@@ -9,8 +9,8 @@ from helpers.feetech import make_twin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.feetech import protocol as p
-from drivers.feetech.table import TABLE
+from srl.drivers.feetech import protocol as p
+from srl.drivers.feetech.table import TABLE
 
 
 def ask(twin, packet, now=MS):

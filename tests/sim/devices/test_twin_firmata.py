@@ -9,13 +9,13 @@ from helpers.sim import world
 from helpers.twin import Bench, Client, bound
 from helpers.wait import until
 
-from drivers.firmata import Firmata
-from drivers.firmata.config import FirmataConfig
-from drivers.firmata.protocol import Decoder, PinState, Text
-from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
-from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
-from sim.devices.firmata.twin import FirmataTwin
+from srl.drivers.firmata import Firmata
+from srl.drivers.firmata.config import FirmataConfig
+from srl.drivers.firmata.protocol import Decoder, PinState, Text
+from srl.runtime.contracts.errors import DeviceLostError
+from srl.runtime.contracts.signals import Stop
+from srl.sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from srl.sim.devices.firmata.twin import FirmataTwin
 
 # Sheet firmata, §3: what a real Uno says.
 BOOT = bytes.fromhex(

@@ -7,8 +7,8 @@ import tty
 import pytest
 from simavr.board import Board
 
-from drivers.firmata.protocol import Decoder, DigitalPort, Message
-from sim.devices.firmata.standard_firmata import StandardFirmata
+from srl.drivers.firmata.protocol import Decoder, DigitalPort, Message
+from srl.sim.devices.firmata.standard_firmata import StandardFirmata
 
 SCRIPTS = 60
 USED = (2, 3, 6, 9, 10, 11, 14, 18, 0, 22)  # pins

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from helpers.twin import StillWorld, bound
 
-from drivers.evdev.records import EV_ABS, AxisInfo, Description, encode
-from drivers.gamepad import Gamepad, GamepadConfig
-from drivers.gamepad.driver import BUTTONS, HAT, STICKS, TRIGGERS
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.gamepad.fake import FakeGamepad, FakeGamepadConfig
-from sim.devices.gamepad.twin import GamepadTwin
+from srl.drivers.evdev.records import EV_ABS, AxisInfo, Description, encode
+from srl.drivers.gamepad import Gamepad, GamepadConfig
+from srl.drivers.gamepad.driver import BUTTONS, HAT, STICKS, TRIGGERS
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.gamepad.fake import FakeGamepad, FakeGamepadConfig
+from srl.sim.devices.gamepad.twin import GamepadTwin
 
 SCRIPT: dict[str, Any] = {
     "axes": {"left_x": [[0, 0], [1, 1]], "left_y": [[0, 0], [1, -0.5]], "right_trigger": [[0, 0], [1, 1]]},

@@ -18,12 +18,12 @@ from helpers.shared import shared
 from helpers.twin import PATIENCE, Bench, bound
 from helpers.wait import until
 
-from drivers.noitom import Noitom, driver
-from runtime.contracts.errors import DeviceError, DeviceLostError, HostError
-from runtime.contracts.signals import Array
-from sim.devices.noitom.fake import FakeNoitom
-from sim.devices.noitom.twin import NoitomTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.noitom import Noitom, driver
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, HostError
+from srl.runtime.contracts.signals import Array
+from srl.sim.devices.noitom.fake import FakeNoitom
+from srl.sim.devices.noitom.twin import NoitomTwin
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 RATE = 100.0
@@ -189,7 +189,7 @@ def test_datagrams_go_to_the_profiles_port() -> None:
 
 
 def test_it_listens_on_loopback_alone() -> None:
-    from sim.devices.shared.sockets import TcpDoor
+    from srl.sim.devices.shared.sockets import TcpDoor
 
     with pytest.raises(HostError):
         TcpDoor("0.0.0.0")

@@ -12,9 +12,9 @@ from helpers import panda as helpers_panda
 from helpers.panda import MS
 from helpers.wait import until
 
-from drivers.panda.packets import Generator, RobotMode, command_record, decode_state, state_dtype
-from drivers.panda.protocol import Reply, ReplyParser, Status, encode_request
-from drivers.panda.requests import (
+from srl.drivers.panda.packets import Generator, RobotMode, command_record, decode_state, state_dtype
+from srl.drivers.panda.protocol import Reply, ReplyParser, Status, encode_request
+from srl.drivers.panda.requests import (
     AutomaticErrorRecovery,
     Body,
     Connect,
@@ -25,9 +25,9 @@ from drivers.panda.requests import (
     SetLoad,
     StopMove,
 )
-from runtime.contracts.errors import HostError
-from runtime.control.robots import PANDA
-from sim.devices.panda.twin import PandaTwin
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.models.robots import PANDA
+from srl.sim.devices.panda.twin import PandaTwin
 
 PATIENCE = 10.0  # s of real time for loopback to deliver
 

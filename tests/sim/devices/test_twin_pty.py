@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from helpers.wait import until
 
-from runtime.contracts.errors import HostError
-from sim.devices.shared.pty import PtyDoor
+from srl.runtime.contracts.errors import HostError
+from srl.sim.devices.shared.pty import PtyDoor
 
 
 def client(door: PtyDoor) -> int:

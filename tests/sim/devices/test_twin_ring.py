@@ -10,12 +10,12 @@ import pytest
 from helpers.fuzz import fuzz, size_of
 from helpers.twin import StillWorld, bound
 
-from drivers.evdev import Description
-from drivers.ring import Ring, RingConfig
-from drivers.ring.serial_ring import Line, Parser
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.ring.fake import FakeRing, FakeRingConfig
-from sim.devices.ring.twin import ring_twin
+from srl.drivers.evdev import Description
+from srl.drivers.ring import Ring, RingConfig
+from srl.drivers.ring.serial_ring import Line, Parser
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.ring.fake import FakeRing, FakeRingConfig
+from srl.sim.devices.ring.twin import ring_twin
 
 MS = 1_000_000
 PRESSES = [[0.5, 0.9], [1.2, 1.25], [2.0, 2.01], [3.0, 3.5]]  # the third is shorter than the debouncing
@@ -179,10 +179,10 @@ class Node:
 def nodes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Node]:
     """What is in the input folder; a test changes it."""
     there: dict[str, Node] = {}
-    monkeypatch.setattr("drivers.ring.driver.discover", lambda: sorted(there))
-    monkeypatch.setattr("drivers.ring.driver.os.listdir", lambda _: sorted(there))
+    monkeypatch.setattr("srl.drivers.ring.driver.discover", lambda: sorted(there))
+    monkeypatch.setattr("srl.drivers.ring.driver.os.listdir", lambda _: sorted(there))
     monkeypatch.setattr(
-        "drivers.ring.driver.open_source", lambda path, *rest, **more: there[path].open(path, *rest, **more)
+        "srl.drivers.ring.driver.open_source", lambda path, *rest, **more: there[path].open(path, *rest, **more)
     )
     return there
 

@@ -7,8 +7,8 @@ import socket
 import pytest
 from helpers.wait import until
 
-from runtime.contracts.errors import HostError
-from sim.devices.shared.sockets import TcpDoor, UdpDoor
+from srl.runtime.contracts.errors import HostError
+from srl.sim.devices.shared.sockets import TcpDoor, UdpDoor
 
 
 def test_clients_come_and_go_and_come_back() -> None:

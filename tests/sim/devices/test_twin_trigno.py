@@ -13,13 +13,13 @@ from helpers.fuzz import fuzz, size_of
 from helpers.twin import StillWorld, bound
 from helpers.wait import until
 
-from drivers.trigno import Trigno, TrignoConfig
-from drivers.trigno.envelope import Envelope
-from drivers.trigno.protocol import RATE, Answers, Samples, command, encode
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.shared.sockets import Client
-from sim.devices.trigno.fake import FakeTrigno, FakeTrignoConfig
-from sim.devices.trigno.twin import TrignoTwin
+from srl.drivers.trigno import Trigno, TrignoConfig
+from srl.drivers.trigno.envelope import Envelope
+from srl.drivers.trigno.protocol import RATE, Answers, Samples, command, encode
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.shared.sockets import Client
+from srl.sim.devices.trigno.fake import FakeTrigno, FakeTrignoConfig
+from srl.sim.devices.trigno.twin import TrignoTwin
 
 MS = 1_000_000
 CHANNELS = {"biceps": 2, "triceps": 1, "deltoid": 16}

@@ -10,13 +10,13 @@ from helpers.twin import Bench
 from helpers.ur import make_fake, speed
 from helpers.wait import until
 
-from drivers.ur import UrConfig, rtde
-from drivers.ur.config import address
-from drivers.ur.recipe import Recipe, input_type, output_type
-from drivers.ur.rtde import Kind
-from drivers.ur.script import program
-from drivers.ur.status import RobotMode
-from sim.devices.ur.twin import UrTwin
+from srl.drivers.ur import UrConfig, rtde
+from srl.drivers.ur.config import address
+from srl.drivers.ur.recipe import Recipe, input_type, output_type
+from srl.drivers.ur.rtde import Kind
+from srl.drivers.ur.script import program
+from srl.drivers.ur.status import RobotMode
+from srl.sim.devices.ur.twin import UrTwin
 
 
 class Peer:

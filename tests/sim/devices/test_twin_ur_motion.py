@@ -9,10 +9,10 @@ from helpers.ur import make_fake, speed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.ur.status import SafetyMode
-from runtime.control.robots import UR16E
-from sim.devices.ur.kinematics import Kinematics, placement, vector
-from sim.devices.ur.twin import UrTwin
+from srl.drivers.ur.status import SafetyMode
+from srl.runtime.models.robots import UR16E
+from srl.sim.devices.ur.kinematics import Kinematics, placement, vector
+from srl.sim.devices.ur.twin import UrTwin
 
 HOME = [0.0, -pi / 2, pi / 2, -pi / 2, -pi / 2, 0.0]
 # What touches a table 2 cm below is a tool: forces are felt at the flange only.

@@ -12,11 +12,11 @@ from helpers.twin import Bench, bound
 from helpers.vicon import PARTS, WANTED, config, driver, live, twin
 from helpers.wait import until
 
-from drivers.transport import open_transport
-from drivers.vicon import blocks, protocol
-from drivers.vicon.protocol import Block, Parser
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.vicon import twin_blocks as encode
+from srl.drivers.transport import open_transport
+from srl.drivers.vicon import blocks, protocol
+from srl.drivers.vicon.protocol import Block, Parser
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.vicon import twin_blocks as encode
 
 MS = 1_000_000
 PATIENCE = 10.0

@@ -12,13 +12,13 @@ from helpers.twin import Bench
 from helpers.wait import until
 from scipy.spatial.transform import Rotation
 
-from drivers.transport import open_transport
-from drivers.xsens_mti import XsensMti, XsensMtiConfig, data
-from drivers.xsens_mti.protocol import Id, Message, encode
-from runtime.contracts.errors import DeviceError, DeviceLostError
-from sim.devices.xsens_mti.fake import FakeXsensMti, FakeXsensMtiConfig
-from sim.devices.xsens_mti.twin import XsensMtiTwin
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.transport import open_transport
+from srl.drivers.xsens_mti import XsensMti, XsensMtiConfig, data
+from srl.drivers.xsens_mti.protocol import Id, Message, encode
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.sim.devices.xsens_mti.fake import FakeXsensMti, FakeXsensMtiConfig
+from srl.sim.devices.xsens_mti.twin import XsensMtiTwin
+from srl.sim.world.cell import Cell, CellConfig
 from srl.testing import bound
 
 MS = 1_000_000
@@ -213,7 +213,7 @@ def test_who_is_at_a_port(pair: Any) -> None:
 def test_what_is_no_mti_is_refused_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch, sent: bytes, problem: str, remedy: str
 ) -> None:
-    monkeypatch.setattr("drivers.xsens_mti.opening.PATIENCE", 0.05)
+    monkeypatch.setattr("srl.drivers.xsens_mti.opening.PATIENCE", 0.05)
     cable = open_transport("loop://mti", place="test")
     cable.write_all(sent, 1.0)
     with pytest.raises(DeviceError, match=problem) as caught:
@@ -223,7 +223,7 @@ def test_what_is_no_mti_is_refused_with_a_remedy(
 
 
 def test_a_rate_that_it_does_not_take_is_refused(pair: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.xsens_mti.opening.PATIENCE", 0.3)
+    monkeypatch.setattr("srl.drivers.xsens_mti.opening.PATIENCE", 0.3)
     p = pair()
     taken = p.twin._configure
 

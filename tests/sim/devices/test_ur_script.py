@@ -5,11 +5,11 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ur import UrConfig
-from drivers.ur.script import program
-from sim.devices.ur.twin_expressions import ScriptError
-from sim.devices.ur.twin_program_text import Programs, name_of
-from sim.devices.ur.twin_script import Script
+from srl.drivers.ur import UrConfig
+from srl.drivers.ur.script import program
+from srl.sim.devices.ur.twin_expressions import ScriptError
+from srl.sim.devices.ur.twin_program_text import Programs, name_of
+from srl.sim.devices.ur.twin_script import Script
 
 
 class Host:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, Side, average
-from sim.parts.body.arm_posture import ArmPosture
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.body import Body, Side, average
+from srl.sim.parts.body.arm_posture import ArmPosture
 
 BODY = average(1.75)
 ARMS = {side: ArmPosture(BODY, side) for side in BODY.sides}

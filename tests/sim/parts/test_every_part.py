@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from runtime.contracts import registry
+from srl.runtime.contracts import registry
 from srl.testing import PartConformance
 
 OPTIONS: dict[str, dict[str, Any]] = {  # those that a part can't do without

@@ -8,8 +8,8 @@ from helpers.sim import world
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
-from runtime.control.hand.human_hand import FINGERS, JOINTS, RANGES
-from runtime.control.models import HandModel
+from srl.runtime.models.human_hand import FINGERS, JOINTS, RANGES
+from srl.runtime.models.models import HandModel
 
 # The hand a second time, on purpose: positions of the fingers' first joints, m; then for each joint the length along x,
 # and quarter turns about x to the next joint's axis.

@@ -7,9 +7,9 @@ from helpers.shared import shared
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import RecordingError, WiringError
-from sim.parts.body.mocap_motion import MotionConfig, make_motion, read
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.errors import RecordingError, WiringError
+from srl.sim.parts.body.mocap_motion import MotionConfig, make_motion, read
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 

@@ -8,15 +8,15 @@ import pytest
 from helpers.control import WORN
 from helpers.sim import world
 
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
-from runtime.control.hand.extra_finger import FingerKinematics
-from runtime.control.hand.point_series import PointSeries
-from runtime.control.models import FingerModel, HandModel
-from runtime.profile import profile, wiring
-from runtime.profile.graph import Graph
-from sim.wearer.joints import to_glove
-from sim.world.cell import Cell
+from srl.control.hand.extra_finger import FingerKinematics
+from srl.control.hand.point_series import PointSeries
+from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.contracts.signals import Array
+from srl.runtime.models.models import FingerModel, HandModel
+from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.graph import Graph
+from srl.sim.wearer.joints import to_glove
+from srl.sim.world.cell import Cell
 
 USUAL = "  finger: {kind: finger}"
 SHORT = "  finger: {kind: finger, rows: [[1.5707963267948966, 0.015], [0, 0.03], [0, 0.042], [0, 0.042]]}"

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.parts.actuators.models import MODELS
-from sim.parts.actuators.motors import (
+from srl.sim.parts.actuators.models import MODELS
+from srl.sim.parts.actuators.motors import (
     NOTHING,
     OFF,
     SILENCE_BIT,

@@ -9,11 +9,11 @@ import pytest
 from helpers.shared import shared
 from pydantic import ValidationError
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.errors import RecordingError, WiringError
-from sim.parts.body.model import _DE_LEVA, limb, segments
-from sim.parts.body.motion import Scripted
-from sim.world.cell import Cell, CellConfig
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.errors import RecordingError, WiringError
+from srl.sim.parts.body.model import _DE_LEVA, limb, segments
+from srl.sim.parts.body.motion import Scripted
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 TURN = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x left, y up, z forward into x forward, y left, z up

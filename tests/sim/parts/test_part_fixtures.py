@@ -10,13 +10,13 @@ import pytest
 from helpers.person import HEAVY, MS, Trolley, cell, finished, put, run
 from pydantic import ValidationError
 
-from sim.parts.person.person import PersonPart
-from sim.parts.person.plans import drilling, peg_in_hole
-from sim.parts.things.box import BoxPart
-from sim.parts.things.drill_plate import DrillPart, PlatePart
-from sim.parts.things.load import ObstaclesPart
-from sim.parts.things.peg_hole import HolePart, PegPart
-from sim.parts.things.wire_ring import RingPart, WireConfig, WirePart
+from srl.sim.parts.person.person import PersonPart
+from srl.sim.parts.person.plans import drilling, peg_in_hole
+from srl.sim.parts.things.box import BoxPart
+from srl.sim.parts.things.drill_plate import DrillPart, PlatePart
+from srl.sim.parts.things.load import ObstaclesPart
+from srl.sim.parts.things.peg_hole import HolePart, PegPart
+from srl.sim.parts.things.wire_ring import RingPart, WireConfig, WirePart
 
 SIDES = [(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4]
 

@@ -7,11 +7,11 @@ import pytest
 from helpers.person import cell
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Rest, Turn, Walk
-from sim.parts.person.hands import HandsPart
-from sim.parts.things.ft_sensor import FtSensorPart, HandlePart
-from sim.world.cell import Cell
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Rest, Turn, Walk
+from srl.sim.parts.person.hands import HandsPart
+from srl.sim.parts.things.ft_sensor import FtSensorPart, HandlePart
+from srl.sim.world.cell import Cell
 
 SECOND = 1_000_000_000
 

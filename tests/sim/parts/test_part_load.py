@@ -9,11 +9,11 @@ import pytest
 from helpers.person import HEAVY, MS, Trolley, cell, put
 from pydantic import ValidationError
 
-from runtime.contracts.errors import WiringError
-from sim.parts.robots.softhand import SoftHandPart
-from sim.parts.things.box import BoxPart
-from sim.parts.things.ft_sensor import FtSensorPart
-from sim.parts.things.load import LoadPart, ObstaclesConfig, ObstaclesPart
+from srl.runtime.contracts.errors import WiringError
+from srl.sim.parts.robots.softhand import SoftHandPart
+from srl.sim.parts.things.box import BoxPart
+from srl.sim.parts.things.ft_sensor import FtSensorPart
+from srl.sim.parts.things.load import LoadPart, ObstaclesConfig, ObstaclesPart
 
 
 def carried() -> Any:

@@ -10,17 +10,17 @@ from helpers.control import bound
 from helpers.person import MS, Trolley, alone, cell, finished, go_to, guided, hold, press, quiet, run
 from pydantic import ValidationError
 
-from runtime.contracts.errors import RecordingError, WiringError
-from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
-from runtime.control.ft.record import Unloaded
-from sim.parts.person.intention import Intention
-from sim.parts.person.path import ArcPath
-from sim.parts.person.person import PersonConfig, PersonPart
-from sim.parts.person.plans import Follow, GoTo, Wait, carrying, drilling, peg_in_hole, wire_path
-from sim.parts.things.box import BoxPart
-from sim.parts.things.ft_sensor import FtSensorPart, HandlePart
-from sim.parts.things.wire_ring import WirePart
-from sim.world.cell import Cell, CellConfig
+from srl.control.cobot.admittance import Admittance, AdmittanceConfig
+from srl.control.cobot.ft_record import Unloaded
+from srl.runtime.contracts.errors import RecordingError, WiringError
+from srl.sim.parts.person.intention import Intention
+from srl.sim.parts.person.path import ArcPath
+from srl.sim.parts.person.person import PersonConfig, PersonPart
+from srl.sim.parts.person.plans import Follow, GoTo, Wait, carrying, drilling, peg_in_hole, wire_path
+from srl.sim.parts.things.box import BoxPart
+from srl.sim.parts.things.ft_sensor import FtSensorPart, HandlePart
+from srl.sim.parts.things.wire_ring import WirePart
+from srl.sim.world.cell import Cell, CellConfig
 
 STILL = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from sim.parts.person.intention import Intention
-from sim.parts.person.path import ArcPath
-from sim.parts.person.plans import Follow, Insert
-from sim.parts.person.vigour import duration, energy
+from srl.sim.parts.person.intention import Intention
+from srl.sim.parts.person.path import ArcPath
+from srl.sim.parts.person.plans import Follow, Insert
+from srl.sim.parts.person.vigour import duration, energy
 
 STILL = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 WIRE = ((0.0, 0.0, 1.0), (0.4, 0.0, 1.0))

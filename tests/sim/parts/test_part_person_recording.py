@@ -10,9 +10,9 @@ from helpers.person import MS, cell, run
 from helpers.shared import shared
 from pydantic import ValidationError
 
-from runtime.contracts.errors import RecordingError, WiringError
-from sim.parts.person.person import PersonConfig, PersonPart
-from sim.parts.things.ft_sensor import FtSensorPart, HandlePart
+from srl.runtime.contracts.errors import RecordingError, WiringError
+from srl.sim.parts.person.person import PersonConfig, PersonPart
+from srl.sim.parts.things.ft_sensor import FtSensorPart, HandlePart
 
 # -- recordings
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from helpers.person import MS, alone, finished, guided, hold, press, quiet, run
 
-from drivers.firmata.config import FirmataConfig
-from drivers.trigno import TrignoConfig
-from runtime.contracts.errors import WiringError
-from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
-from sim.devices.trigno.fake import FakeTrigno, FakeTrignoConfig
-from sim.parts.person.muscles import Muscles
+from srl.drivers.firmata.config import FirmataConfig
+from srl.drivers.trigno import TrignoConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from srl.sim.devices.trigno.fake import FakeTrigno, FakeTrignoConfig
+from srl.sim.parts.person.muscles import Muscles
 
 # -- delays and noise
 

@@ -9,9 +9,9 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from sim.parts.body.strap import STIFFNESS, StrapPart
-from sim.parts.things.imu import ImuPart
-from sim.world.cell import Cell, CellConfig
+from srl.sim.parts.body.strap import STIFFNESS, StrapPart
+from srl.sim.parts.things.imu import ImuPart
+from srl.sim.world.cell import Cell, CellConfig
 
 G = 9.81
 LOAD, LEVER = 2.0, 0.2  # kg, m

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.contracts.errors import WiringError
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.sim.world.cell import Cell, CellConfig
 
 G = 9.81
 MASS = 2.0

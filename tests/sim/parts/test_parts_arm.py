@@ -10,11 +10,11 @@ import pytest
 from helpers.sim import MS
 from pydantic import ValidationError
 
-from runtime.contracts.errors import WiringError
-from runtime.control.robots import PANDA
-from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from sim.parts.robots.arm import ArmPart
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.models.robots import PANDA
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.sim.parts.robots.arm import ArmPart
+from srl.sim.world.cell import Cell, CellConfig
 
 KINDS = ("panda", "ur16e")
 

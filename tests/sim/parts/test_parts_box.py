@@ -9,9 +9,9 @@ import pytest
 from helpers.sim import MS
 from pydantic import ValidationError
 
-from runtime.contracts.errors import WiringError
-from sim.parts.things.box import BoxConfig
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.sim.parts.things.box import BoxConfig
+from srl.sim.world.cell import Cell, CellConfig
 
 
 def cell(**parts: dict[str, Any]) -> Cell:

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.control.hand.human_hand import FINGERS
-from runtime.control.models import HandModel, context
-from sim.parts.body.carrier import CarrierPart
-from sim.parts.hand.objects import ObjectPart
-from sim.parts.hand.ycb import YCB
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.models.human_hand import FINGERS
+from srl.runtime.models.models import HandModel, context
+from srl.sim.parts.body.carrier import CarrierPart
+from srl.sim.parts.hand.objects import ObjectPart
+from srl.sim.parts.hand.ycb import YCB
+from srl.sim.world.cell import Cell, CellConfig
 
 # Lisini Baldi et al. 2023, table I: g, mm.
 TABLE = {

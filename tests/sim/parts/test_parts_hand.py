@@ -5,9 +5,9 @@ import pytest
 from helpers.sim import MS, WORN, world
 from pydantic import ValidationError
 
-from runtime.contracts.signals import Signal
-from runtime.control.hand.human_hand import FINGERS
-from sim.world.cell import CellConfig
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.models.human_hand import FINGERS
+from srl.sim.world.cell import CellConfig
 
 BALL = {
     "part": "object",

@@ -10,8 +10,8 @@ from helpers.shared import shared
 from helpers.sim import MS
 from ruamel.yaml import YAML
 
-from sim.parts.robots.softhand import CLOSED, SoftHandPart
-from sim.world.cell import Cell, CellConfig
+from srl.sim.parts.robots.softhand import CLOSED, SoftHandPart
+from srl.sim.world.cell import Cell, CellConfig
 
 FLOATING = (0.0, 0.0, 0.0)
 ONTO_THE_PALM = (-9.81, 0.0, 0.0)

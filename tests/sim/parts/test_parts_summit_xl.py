@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.sim import MS
 
-from runtime.control.robots import SUMMIT_XL
-from sim.parts.robots.arm import ArmPart
-from sim.parts.robots.summit_xl import SummitXlPart
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.models.robots import SUMMIT_XL
+from srl.sim.parts.robots.arm import ArmPart
+from srl.sim.parts.robots.summit_xl import SummitXlPart
+from srl.sim.world.cell import Cell, CellConfig
 
 
 def cell(**parts: dict[str, Any]) -> Cell:

@@ -6,7 +6,7 @@ from helpers.sim import MS, world
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.parts.hand.servo import ServoBank
+from srl.sim.parts.hand.servo import ServoBank
 
 STILL = {"gravity": (0, 0, 0), "wearer": {"period": 1000.0}}
 

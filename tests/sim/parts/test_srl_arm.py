@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.control.models import ArmsModel, context
-from runtime.control.skeleton.arms import BASE, SIDES, Side
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
-from runtime.control.skeleton.kinematics import Kinematics
-from sim.parts.body.motion import Scripted
-from sim.world.cell import Cell, CellConfig
+from srl.control.skeleton.human import human
+from srl.control.skeleton.human_srl import HumanSrl
+from srl.control.skeleton.kinematics import Kinematics
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.models.models import ArmsModel, context
+from srl.runtime.models.skeleton.arms import BASE, SIDES, Side
+from srl.sim.parts.body.motion import Scripted
+from srl.sim.world.cell import Cell, CellConfig
 
 KINDS = ("MX-106", "MX-106", "MX-64", "MX-64", "MX-64", "MX-28", "MX-28")
 STILL = np.tile([1.0, 0.0, 0.0, 0.0], (59, 1))

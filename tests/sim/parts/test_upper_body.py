@@ -9,10 +9,10 @@ import pytest
 from helpers.upper_body import POINT, STEADY, cell, run
 from pydantic import ValidationError
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.rotation import exp, product
-from runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest, Wearer
-from sim.parts.body.wearer import NAMES
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.rotation import exp, product
+from srl.runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest, Wearer
+from srl.sim.parts.body.wearer import NAMES
 
 
 def test_mujoco_has_the_body_s_chain() -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers.arm_urdf import HIP
 
-from runtime.contracts.errors import ProfileError
-from runtime.contracts.files import Files
-from runtime.profile import profile, wiring
-from sim.world.cell import Cell
+from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.files import Files
+from srl.runtime.profile import profile, wiring
+from srl.sim.world.cell import Cell
 
 SERVOS = ("yaw", "shoulder", "elbow", "wrist")
 LIMB = """

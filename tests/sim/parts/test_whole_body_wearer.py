@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from runtime.contracts.wearer import Hold, Perform, Rest, Walk
-from sim.parts.body.whole_body_wearer import ACTION
-from sim.world.cell import Cell, CellConfig
+from srl.runtime.contracts.wearer import Hold, Perform, Rest, Walk
+from srl.sim.parts.body.whole_body_wearer import ACTION
+from srl.sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 PAUSE = 2.0  # s

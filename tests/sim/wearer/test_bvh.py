@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import RecordingError
-from runtime.control.hand.human_hand import FINGERS, JOINTS
-from runtime.control.skeleton import bvh
-from sim.wearer import load_wearer
-from sim.wearer.bvh_hand import _knuckle, hand_angles
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.models.human_hand import FINGERS, JOINTS
+from srl.runtime.models.skeleton import bvh
+from srl.sim.wearer import load_wearer
+from srl.sim.wearer.bvh_hand import _knuckle, hand_angles
 
 FILES = ("left_arm_fingers_yxz.bvh", "fullbody_walk_yxz.bvh", "fullbody_xyz.bvh")
 LEFT = "data/axis_neuron_bvh/left_arm_fingers_yxz.bvh"

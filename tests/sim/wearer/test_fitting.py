@@ -12,14 +12,14 @@ from helpers.shared import shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.cli import main
-from runtime.contracts.errors import RecordingError
-from runtime.control.hand.human_hand import JOINTS, RANGES, hand_geometry
-from runtime.control.hand.point_series import PointSeries
-from runtime.control.models import HandModel
-from runtime.profile import profile, wiring
-from sim.wearer import bvh_hand, load_wearer, tables, topics
-from sim.wearer.fitting import Fitted, fit
+from srl.control.hand.point_series import PointSeries
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.models.human_hand import JOINTS, RANGES, hand_geometry
+from srl.runtime.models.models import HandModel
+from srl.runtime.profile import profile, wiring
+from srl.sim.wearer import bvh_hand, load_wearer, tables, topics
+from srl.sim.wearer.fitting import Fitted, fit
 
 LOWER, UPPER = RANGES.T
 TIME = np.linspace(0.0, 2.0, 400)

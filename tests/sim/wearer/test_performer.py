@@ -7,11 +7,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from drivers.noitom.skeleton import Skeleton
-from runtime.contracts.rotation import matrices
-from runtime.contracts.wearer import Action, Explore, Perform, Rest, Return, Walk
-from sim.wearer.people import subject
-from sim.wearer.performer import Performer, measured
+from srl.drivers.noitom.skeleton import Skeleton
+from srl.runtime.contracts.rotation import matrices
+from srl.runtime.contracts.wearer import Action, Explore, Perform, Rest, Return, Walk
+from srl.sim.wearer.people import subject
+from srl.sim.wearer.performer import Performer, measured
 
 SKELETON = Skeleton("axis-neuron")
 ACTIONS = get_args(Action)

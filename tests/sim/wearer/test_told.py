@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.contracts.wearer import Explore, Rest, Shape
-from runtime.control.hand.human_hand import JOINTS, RANGES
-from sim.wearer.told import SECONDS, ToldWearer
+from srl.runtime.contracts.wearer import Explore, Rest, Shape
+from srl.runtime.models.human_hand import JOINTS, RANGES
+from srl.sim.wearer.told import SECONDS, ToldWearer
 
 FIST = Shape({"index_mpj": 1.2, "ring_middle_abduction": 0.2})
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.interpolate import PchipInterpolator
 
-from runtime.contracts.errors import RecordingError
-from runtime.control.hand.human_hand import JOINTS, RANGES
-from sim.wearer import ScriptedWearer, WearerConfig, load_wearer, make_wearer
-from sim.wearer.motion import Curve, SampledWearer, join, minimum_jerk
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.models.human_hand import JOINTS, RANGES
+from srl.sim.wearer import ScriptedWearer, WearerConfig, load_wearer, make_wearer
+from srl.sim.wearer.motion import Curve, SampledWearer, join, minimum_jerk
 
 FLEXION = [JOINTS.index(f"{finger}_mcp_flexion") for finger in ("index", "middle", "ring", "little")]
 
@@ -162,7 +162,7 @@ def test_csv_by_model_names_sensors_and_degrees_agree(tmp_path):
         ["note", *(f"{joint}_deg" for joint in JOINTS), "time_ms"],
         np.column_stack([time * 0, np.rad2deg(q), time * 1000]),
     )
-    from sim.wearer.joints import to_glove
+    from srl.sim.wearer.joints import to_glove
 
     sensors = np.array([to_glove(row) for row in q])
     glove = write_csv(tmp_path / "c.csv", ["t", *(f"s{i}_rad" for i in range(22))], np.column_stack([time, sensors]))
@@ -174,7 +174,7 @@ def test_csv_by_model_names_sensors_and_degrees_agree(tmp_path):
 
 
 def test_a_glove_of_18_sensors_flexes_the_dip_joints_by_two_thirds(tmp_path):
-    from drivers.cyberglove.protocol import LABELS
+    from srl.drivers.cyberglove.protocol import LABELS
 
     values = np.zeros((3, 18))
     values[:, LABELS[18].index("ring_pij")] = 0.9

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from runtime.contracts import registry
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.signals import Array, Signal
-from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.world.cell import Cell, CellConfig
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.world import FakeConfig, World
+from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
+from srl.sim.world.cell import Cell, CellConfig
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 LENGTH = 0.3
 

@@ -12,13 +12,13 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import WiringError
-from runtime.contracts.frames import FrameEntry, Frames
-from sim.parts.robots.summit_xl import SummitXlPart
-from sim.parts.things.ft_sensor import FtSensorPart
-from sim.world.cell import Cell, CellConfig
-from sim.world.mjcf import add
-from sim.world.part import Mjcf, Part, PartConfig
+from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.frames import FrameEntry, Frames
+from srl.sim.parts.robots.summit_xl import SummitXlPart
+from srl.sim.parts.things.ft_sensor import FtSensorPart
+from srl.sim.world.cell import Cell, CellConfig
+from srl.sim.world.mjcf import add
+from srl.sim.world.part import Mjcf, Part, PartConfig
 
 HALF = float(np.sqrt(0.5))
 LENGTH = 0.3

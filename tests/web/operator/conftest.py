@@ -10,8 +10,8 @@ from helpers.operated import OperatedLoop
 from helpers.operator_seen import Seen
 from helpers.wait import until
 
-from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
-from runtime.operator.client import OperatorPage
+from srl.runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
+from srl.runtime.web.operator.client import OperatorPage
 
 
 @pytest.fixture(scope="module")

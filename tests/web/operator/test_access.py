@@ -11,7 +11,7 @@ import pytest
 from helpers.operated import OperatedLoop
 from helpers.operator_page import UPGRADE, asked, cookie, get, place
 
-from runtime.operator.client import OperatorPage
+from srl.runtime.web.operator.client import OperatorPage
 
 
 @pytest.mark.parametrize("path", ["/", "/operator.js", "/pad.js", "/part.js", "/operator.css", "/socket", "/?token=x"])

@@ -13,10 +13,10 @@ import pytest
 from helpers.operated import OperatedLoop
 from helpers.operator_page import Socket, cookie, heard, place, take, talk
 
-from runtime.ipc.run_folder import RunFolder
-from runtime.operator import control
-from runtime.operator.client import OperatorPage
-from runtime.operator.control import LAPSE, Control
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.operator import control
+from srl.runtime.web.operator.client import OperatorPage
+from srl.runtime.web.operator.control import LAPSE, Control
 
 
 def test_one_that_gives_no_sign_of_life_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,13 +19,15 @@ from helpers.operated import OperatedLoop
 from helpers.operator_page import Socket, heard, take, talk
 from helpers.wait import until
 
-from runtime.calibration import ft_method, ft_report, method
-from runtime.calibration.sources import Rows
-from runtime.cli import main
-from runtime.control.shared import record_file
-from runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd, GuideReader
-from runtime.ipc.run_folder import RunFolder
-from runtime.operator.client import OperatorPage
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.ft import method as ft_method
+from srl.commissioning.calibration.ft import report as ft_report
+from srl.commissioning.calibration.sources import Rows
+from srl.runtime.cli import main
+from srl.runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd, GuideReader
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.models import record_file
+from srl.runtime.web.operator.client import OperatorPage
 
 PNG = b"\x89PNG as drawn"
 Talk = Callable[[Socket], Awaitable[Any]]

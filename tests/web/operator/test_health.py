@@ -9,8 +9,8 @@ import pytest
 from helpers.body_run import body_layout
 from helpers.operated import JOINTS, OperatedLoop
 
-from runtime.ipc.layout import Layout, Words
-from runtime.ipc.words import (
+from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.ipc.words import (
     CYCLE,
     DEVICE,
     LINK_ACTIVE,
@@ -22,8 +22,8 @@ from runtime.ipc.words import (
     Latch,
     State,
 )
-from runtime.operator import health, jogging
-from runtime.operator.parameters import Parameters
+from srl.runtime.web.operator import health, jogging
+from srl.runtime.web.operator.parameters import Parameters
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from helpers.chromium import Chromium
 from helpers.operator_seen import Seen
 from helpers.wait import until
 
-from runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd
-from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
+from srl.runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd
+from srl.runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import pytest
 from helpers.operator_seen import Seen
 from helpers.wait import until
 
-from runtime.ipc.words import State
+from srl.runtime.ipc.words import State
 
 pytestmark = pytest.mark.slow
 

@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from helpers.run import refused
 
-from runtime.contracts.errors import RequestError
-from runtime.contracts.signals import Kind
-from runtime.control.setpoint.jog import REST
-from runtime.ipc import presses
-from runtime.ipc.presses import FRESH, MOVES
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
-from runtime.jog.cut import PRESS, RAMP, WAY, cut
-from runtime.jog.hold import FINE, Hold
-from runtime.jog.presses import Presses
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile
+from srl.commissioning.jog.cut import PRESS, RAMP, WAY, cut
+from srl.commissioning.jog.hold import FINE, Hold
+from srl.commissioning.jog.presses import Presses
+from srl.control.setpoint.jog import REST
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.signals import Kind
+from srl.runtime.ipc import presses
+from srl.runtime.ipc.presses import FRESH, MOVES
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile import profile
 
 JOINTS = ("a", "b")
 

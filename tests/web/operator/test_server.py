@@ -18,12 +18,12 @@ from helpers.operator_page import Socket, closed, cookie, get, heard, place, pon
 from helpers.recording import make_layout, make_rows
 from helpers.wait import until
 
-from runtime.ipc.control_socket import LIFETIME
-from runtime.ipc.presses import FRESH
-from runtime.ipc.words import State
-from runtime.operator.client import OperatorPage
-from runtime.operator.server import FLOOD, OperatorServer
-from runtime.recorder.stream import Stream
+from srl.runtime.ipc.control_socket import LIFETIME
+from srl.runtime.ipc.presses import FRESH
+from srl.runtime.ipc.words import State
+from srl.runtime.recorder.stream import Stream
+from srl.runtime.web.operator.client import OperatorPage
+from srl.runtime.web.operator.server import FLOOD, OperatorServer
 
 # What a page may say
 

@@ -24,12 +24,12 @@ from helpers.panel import SIGNAL
 from helpers.viewed import ViewedLoop, ViewerProcess
 from helpers.wait import until
 
-from runtime.ipc import control_socket
-from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import State
-from runtime.operator.client import OperatorPage
-from runtime.panel.client import PageProcess
-from runtime.panel.screen import Screen
+from srl.runtime.ipc import control_socket
+from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.words import State
+from srl.runtime.web.operator.client import OperatorPage
+from srl.runtime.web.panel.client import PageProcess
+from srl.runtime.web.panel.screen import Screen
 
 pytestmark = pytest.mark.slow
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from runtime.panel.access import _same
+from srl.runtime.web.panel.access import _same
 
 
 @pytest.mark.parametrize("given", ["\udcff", "\ud800x", "é", ""])

@@ -17,9 +17,9 @@ from helpers.panel import shown
 from helpers.run import Running, alive, ended, environment, refused, srl
 from helpers.wait import until
 
-from runtime.cli.panel import SECONDS, TRIALS, demo_curve
-from runtime.ipc.words import Cause, Latch, State
-from runtime.panel.trial import Trial
+from srl.runtime.cli.panel import SECONDS, TRIALS, demo_curve
+from srl.runtime.ipc.words import Cause, Latch, State
+from srl.runtime.web.panel.trial import Trial
 
 SIGNAL = "glove.position[index_mpj]"
 

@@ -18,10 +18,10 @@ from helpers.chromium import Chromium, Page
 from helpers.panel import SIGNAL, MadeUpLoop
 from helpers.wait import until
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
-from runtime.panel.screen import Screen
-from runtime.panel.trial import ScreenTrial, Trial
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.web.panel.screen import Screen
+from srl.runtime.web.panel.trial import ScreenTrial, Trial
 
 pytestmark = pytest.mark.slow
 

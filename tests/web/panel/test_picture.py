@@ -16,11 +16,11 @@ from helpers.chromium import Chromium, Page
 from helpers.panel import MadeUpLoop
 from helpers.wait import until
 
-from runtime.contracts.errors import HostError
-from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
-from runtime.operator.client import OperatorPage as PageProcess
-from runtime.panel.picture import View
-from runtime.recording.shapes import distance_colors
+from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.recording.shapes import distance_colors
+from srl.runtime.web.operator.client import OperatorPage as PageProcess
+from srl.runtime.web.panel.picture import View
 
 pytestmark = pytest.mark.slow
 

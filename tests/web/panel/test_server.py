@@ -21,13 +21,13 @@ from helpers.panel import SIGNAL, MadeUpLoop, shown
 from helpers.run import alive
 from helpers.wait import until
 
-from runtime.contracts.errors import HostError, RecordingError
-from runtime.ipc.words import State
-from runtime.panel.pages import PAGE, listen
-from runtime.panel.peer import LONGEST
-from runtime.panel.picture import PictureServer
-from runtime.panel.screen import Screen
-from runtime.panel.trial import ScreenTrial, Trial
+from srl.runtime.contracts.errors import HostError, RecordingError
+from srl.runtime.ipc.words import State
+from srl.runtime.web.panel.pages import PAGE, listen
+from srl.runtime.web.panel.peer import LONGEST
+from srl.runtime.web.panel.picture import PictureServer
+from srl.runtime.web.panel.screen import Screen
+from srl.runtime.web.panel.trial import ScreenTrial, Trial
 
 Socket = aiohttp.ClientWebSocketResponse
 SHORT = Trial((0.5, 0.5, 0.6), duration=0.3, settle=0.0, title="Short", number=1, of=2)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.ipc.rows import Condition
-from runtime.panel.session import GRACE, LATE, LEAD, Phase, Session
-from runtime.panel.source import Reading
-from runtime.panel.trial import ScreenTrial, Trial
+from srl.runtime.ipc.rows import Condition
+from srl.runtime.web.panel.session import GRACE, LATE, LEAD, Phase, Session
+from srl.runtime.web.panel.source import Reading
+from srl.runtime.web.panel.trial import ScreenTrial, Trial
 
 TRIAL = Trial((0.2, 0.8, 0.4), duration=2.0, settle=1.0, number=2, of=9)
 STEP = 0.01

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.panel import SIGNAL, MadeUpLoop
 
-from runtime.contracts.errors import RecordingError
-from runtime.ipc.rows import LOOK, SILENCE, Condition
-from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
-from runtime.panel.source import Source
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.rows import LOOK, SILENCE, Condition
+from srl.runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.web.panel.source import Source
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from helpers.operator_page import get
 from helpers.viewed import WALL, ViewedLoop, ViewerProcess
 from helpers.wait import until
 
-from runtime.ipc.words import State
+from srl.runtime.ipc.words import State
 
 pytestmark = pytest.mark.slow
 

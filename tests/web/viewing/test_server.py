@@ -20,11 +20,11 @@ from helpers.operator_page import UPGRADE, Socket, asked, closed, cookie, get, h
 from helpers.viewed import ViewedLoop, ViewerProcess
 from helpers.wait import until
 
-from runtime.ipc.words import State
-from runtime.recording.framing import HEADER, strip
-from runtime.viewing import __main__ as command
-from runtime.viewing import assets
-from runtime.viewing.assets import listener
+from srl.runtime.ipc.words import State
+from srl.runtime.recording.framing import HEADER, strip
+from srl.runtime.web.viewing import __main__ as command
+from srl.runtime.web.viewing import assets
+from srl.runtime.web.viewing.assets import listener
 
 
 @pytest.fixture(scope="module")
@@ -270,7 +270,7 @@ def test_without_a_run_or_reruns_viewer_it_is_refused(
 ) -> None:
     monkeypatch.setattr(command, "Ending", lambda **_: None)  # it would be this process's
     monkeypatch.setattr(os, "nice", lambda _: 0)
-    monkeypatch.setattr(sys, "argv", ["runtime.viewing", str(tmp_path)])
+    monkeypatch.setattr(sys, "argv", ["srl.runtime.web.viewing", str(tmp_path)])
     assert command.main() == 2
     assert "Is the run up?" in capsys.readouterr().err
     monkeypatch.setattr(assets, "find_spec", lambda _: None)

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.signals import Array
-from runtime.control.mount.exchanged import exchanged
-from runtime.control.mount.fit import Mount, MountError, Thresholds, axes, fit, hand_eye, refusals, rigid
+from srl.commissioning.calibration.frames.exchanged import exchanged
+from srl.commissioning.calibration.frames.fit import Mount, MountError, Thresholds, axes, fit, hand_eye, refusals, rigid
+from srl.runtime.contracts.signals import Array
 
 LIMITS = Thresholds()
 seeds = st.integers(0, 10_000)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.contracts.gravity import GRAVITY
-from runtime.contracts.signals import Array
-from runtime.control.ft.fit import FtError, Load, Thresholds, fit, refusals
+from srl.commissioning.calibration.ft.fit import FtError, Load, Thresholds, fit, refusals
+from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.signals import Array
 
 BIAS = np.array([30.0, -20.0, 10.0, 1.0, 2.0, -3.0])
 MASS, COM = 0.45, np.array([0.004, -0.007, 0.053])

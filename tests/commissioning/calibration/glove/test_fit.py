@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.control.glove.fit import GloveError, Held, Thresholds, fit, refusals
-from runtime.control.glove.samples import Plan, Samples, held, moved
-from runtime.control.glove.shapes import AGAIN, ALONE, FIST, FLAT, Angles, bent_in, shapes
-from runtime.control.hand.human_hand import SENSORS
+from srl.commissioning.calibration.glove.fit import GloveError, Held, Thresholds, fit, refusals
+from srl.commissioning.calibration.glove.samples import Plan, Samples, held, moved
+from srl.commissioning.calibration.glove.shapes import AGAIN, ALONE, FIST, FLAT, Angles, bent_in, shapes
+from srl.runtime.models.human_hand import SENSORS
 
 NAMES = tuple(name for name in SENSORS[22] if bent_in(name) is not None)
 KNOWN = Angles()

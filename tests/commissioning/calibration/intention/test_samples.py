@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime.contracts.signals import Array
-from runtime.control.intention.features import FRAME
-from runtime.control.intention.marks import IDLE, STAND, VOID, mark_of
-from runtime.control.intention.procedure import Kind, Plan, Procedure
-from runtime.control.intention.samples import Samples, ended, trials
-from runtime.control.intention.training import Thresholds, Trial
+from srl.commissioning.calibration.intention.marks import IDLE, STAND, VOID, mark_of
+from srl.commissioning.calibration.intention.procedure import Kind, Plan, Procedure
+from srl.commissioning.calibration.intention.samples import Samples, ended, trials
+from srl.control.intention.features import FRAME
+from srl.control.intention.training import Thresholds, Trial
+from srl.runtime.contracts.signals import Array
 
 ACTIONS = ("overhead", "wave")
 PLAIN = Thresholds(lead=0.0, settle=0.0)

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.dynamixel.config import MotorConfig
-from drivers.firmata.config import ServoConfig
-from runtime.contracts.servo_record import SHARE, TRIM, Line
-from runtime.control.servos.fit import Seat, ServoError, Thresholds, refusals, seat
+from srl.commissioning.calibration.servos.fit import Seat, ServoError, Thresholds, refusals, seat
+from srl.drivers.dynamixel.config import MotorConfig
+from srl.drivers.firmata.config import ServoConfig
+from srl.runtime.contracts.servo_record import SHARE, TRIM, Line
 
 ANGLE = st.floats(-1.2, 1.2)
 DIRECTION = st.sampled_from([-1, 1])

@@ -17,19 +17,19 @@ from typing import Any, Final
 
 from pydantic import ConfigDict, Field, field_validator
 
-from runtime.contracts.driver import Driver
-from runtime.contracts.entry import BaseModel
-from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.files import Files, KeptFile
-from runtime.contracts.frames import FrameEntry
-from runtime.contracts.linkage import Linkage
-from runtime.contracts.rotation import Vector
-from runtime.contracts.signals import Signal
-from runtime.contracts.terms import PLANAR
-from runtime.control.models import ArmsModel, FingerModel, Model
-from runtime.control.robot_model import RobotModel
-from runtime.control.robots import ARMS, SUMMIT_XL, chains, linkages, softhand, urdf
-from runtime.control.skeleton.arms import Side
+from srl.runtime.contracts.driver import Driver
+from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.files import Files, KeptFile
+from srl.runtime.contracts.frames import FrameEntry
+from srl.runtime.contracts.linkage import Linkage
+from srl.runtime.contracts.rotation import Vector
+from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import PLANAR
+from srl.runtime.models.models import ArmsModel, FingerModel, Model
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots import ARMS, SUMMIT_XL, chains, linkages, softhand, urdf
+from srl.runtime.models.skeleton.arms import Side
 
 MESHES: Final = "example-robot-data"  # the package of the extra `meshes`
 _LONGEST: Final = 10.0  # m, a link

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patheffects import withStroke
 
-from runtime.contracts.signals import Array
+from srl.runtime.contracts.signals import Array
 
 FONT = 7  # points
 HALO = [withStroke(linewidth=2.0, foreground="white")]

@@ -1,0 +1,1 @@
+"""The calibration of a person's muscle signals."""

@@ -1,0 +1,1 @@
+"""The training of a person's recogniser of intentions."""

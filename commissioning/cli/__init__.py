@@ -1,0 +1,1 @@
+"""The commands of commissioning: `srl calibrate`, `jog`, `new`, `find-port`."""

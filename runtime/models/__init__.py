@@ -1,0 +1,1 @@
+"""What `models:` of a profile describes: robots, a hand, a body, worn arms, motion trees."""

@@ -1,0 +1,1 @@
+"""Motion trees (BVH), and worn arms as a part of them."""

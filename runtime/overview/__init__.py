@@ -1,0 +1,1 @@
+"""What `srl show` says of a profile."""

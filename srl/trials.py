@@ -1,0 +1,7 @@
+"""Trials of studies as tasks: run on this machine or on a cluster, each once, whatever breaks off (docs/studies.md)."""
+
+from srl.studies.result import Claim, Result
+from srl.studies.tasks.runner import Runner, runner
+from srl.studies.tasks.task import Row, TrialTask
+
+__all__ = ["Claim", "Result", "Row", "Runner", "TrialTask", "runner"]
