@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, cast
 
 ROOT = Path(__file__).resolve().parents[1]
-COPIED = ("drivers", "sim", "srl", "studies", "profiles", "bench", "tests", "docs", "native", "README.md")
+COPIED = ("bench", "tests", "docs", "native", "profiles", "README.md")
 # By group: the modules that are changed, and the tests that should notice.
 # One group a module in the guard: its functions are hot, and so a run of all its tests through mutmut takes minutes.
 GUARD = {
@@ -32,13 +32,17 @@ GUARD = {
     "samples": ["samples"], "following": ["following"],
     "verified": ["verified*", "limits_clear"], "base": ["limits", "position", "velocity", "torque"],
 }  # fmt: skip
+UNITS = ("dynamixel/units", "dynamixel/family", "feetech/units", "firmata/config")
 GROUPS = {
-    name: ([f"runtime/guard/{name}.py"], [f"tests/guard/test_{each}.py" for each in tests])
+    name: ([f"srl/runtime/guard/{name}.py"], [f"tests/guard/test_{each}.py" for each in tests])
     for name, tests in GUARD.items()
 } | {
-    "loop": ([f"runtime/loop/{name}.py" for name in ("machine", "cycle", "fault_finder", "guards")], ["tests/loop"]),
+    "loop": (
+        [f"srl/runtime/loop/{name}.py" for name in ("machine", "cycle", "fault_finder", "guards")],
+        ["tests/loop"],
+    ),
     "units": (
-        [f"drivers/{name}.py" for name in ("dynamixel/units", "dynamixel/family", "feetech/units", "firmata/config")],
+        [f"srl/drivers/{name}.py" for name in UNITS],
         [f"tests/drivers/test_{name}*.py" for name in ("dynamixel", "feetech", "firmata")],
     ),
 }
@@ -88,14 +92,14 @@ def prepare(group: str) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     os.chdir(folder)
-    for name in ("runtime", "pyproject.toml", *COPIED):
+    for name in ("pyproject.toml", *COPIED):
         Path(name).symlink_to(ROOT / name)
-    sources = sorted({module.partition("/")[0] for module in modules})
+    shutil.copytree(ROOT / "srl", "srl", ignore=shutil.ignore_patterns("__pycache__"))  # whole: mutmut follows no links
     tests = [str(p.relative_to(ROOT)) for each in tests for p in sorted(ROOT.glob(each))]
     settings = {
-        "source_paths": ["runtime", *(name for name in sources if name != "runtime")],
+        "source_paths": ["srl"],
         "only_mutate": modules,
-        "also_copy": [name for name in COPIED if name not in sources],
+        "also_copy": list(COPIED),
         "pytest_add_cli_args": ["-p", "no:xdist", "-p", "no:cacheprovider", "-m", "not slow and not serial"],
         "pytest_add_cli_args_test_selection": tests,
         "do_not_mutate_patterns": [r"raise \w+", r"\.report\(", r"nearest\("],  # words for people

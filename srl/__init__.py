@@ -77,6 +77,42 @@ _FROM = {
 }
 _MODULE = {name: module for module, names in _FROM.items() for name in names}
 
+__all__ = [
+    "Array",
+    "Braking",
+    "Clearance",
+    "ClearanceConfig",
+    "Command",
+    "Controller",
+    "ControllerConfig",
+    "DeviceConfig",
+    "DeviceError",
+    "DeviceLostError",
+    "Driver",
+    "FileOption",
+    "Health",
+    "HostError",
+    "KeptFile",
+    "Kind",
+    "Limits",
+    "Parameter",
+    "PerElement",
+    "ProfileError",
+    "ProfilePath",
+    "RecordingError",
+    "RequestError",
+    "Sensor",
+    "Signal",
+    "SrlError",
+    "Stop",
+    "Traffic",
+    "Transform",
+    "WiringError",
+    "__version__",
+    "terms",
+    "transforms",
+]
+
 
 def __getattr__(name: str) -> Any:
     """The public names (PEP 562): imported at their first use."""
@@ -91,4 +127,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_MODULE, "terms", "transforms"})
+    return sorted({*globals(), *__all__})

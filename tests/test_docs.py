@@ -23,7 +23,7 @@ from helpers.run import call, environment
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from srl.runtime.cli import MODULES
+from srl.runtime.cli import MODULES, others
 from srl.runtime.cli.check import check_guards
 from srl.runtime.contracts import registry
 from srl.runtime.profile import profile, wiring
@@ -62,6 +62,8 @@ def parser() -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(required=True)
     for command in dict.fromkeys(MODULES.values()):
         importlib.import_module(f"srl.runtime.cli.{command}").add_parser(subparsers)
+    for name, module in others.commands().items():
+        others.module(name, module).add_parser(subparsers, name)
     return parser
 
 

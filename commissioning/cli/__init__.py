@@ -1,1 +1,21 @@
-"""The commands of commissioning: `srl calibrate`, `jog`, `new`, `find-port`."""
+"""The commands of commissioning (entry points `srl.commands`); their modules are loaded when they are asked for."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from typing import Final
+
+COMMANDS: Final = {
+    "new": "writes a profile of your own, or a package for a device of your own",
+    "calibrate": "makes the calibration file of a person or a device",
+    "jog": "moves one joint of a device while a key is held",
+    "find-port": "lists the serial ports, what each may be, and whether you may open it",
+}
+"""What each does, in one line."""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], name: str) -> None:
+    """Adds one command's parser."""
+    module = importlib.import_module(f"srl.commissioning.cli.{name.replace('-', '_')}")
+    module.add_parser(subparsers)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from srl.commissioning.calibration.order import LAWS, Order
+from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "calibrate", "srl calibrate my-arm.yaml ikns --person P07")
+    parser = add_command(subparsers, "calibrate", "srl calibrate my-arm.yaml ikns --person P07", COMMANDS)
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("law", choices=LAWS, help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
+from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command
 from srl.runtime.cli.printable import printable
 from srl.runtime.contracts import registry
@@ -28,7 +29,7 @@ _STEADY = 10  # looks in a row that see the same: by then udev has made the link
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "find-port", "srl find-port --wait")
+    parser = add_command(subparsers, "find-port", "srl find-port --wait", COMMANDS)
     parser.add_argument(
         "--wait", action="store_true", help="wait until a device is plugged in or out, and name its port"
     )

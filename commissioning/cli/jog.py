@@ -6,12 +6,13 @@ import argparse
 import re
 import sys
 
+from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "jog", "srl jog finger-jog --sim")
+    parser = add_command(subparsers, "jog", "srl jog finger-jog --sim", COMMANDS)
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("device", nargs="?", help="default: the only one that takes commands")
     parser.add_argument("--sim", action="store_true", help="simulate all devices, in real time")

@@ -16,7 +16,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from srl.commissioning.cli import new_ports
+from srl.commissioning.cli import COMMANDS, new_ports
 from srl.commissioning.new.begun import begin, check_name
 from srl.commissioning.new.limb_drives import KINDS
 from srl.runtime.cli import add_command
@@ -34,7 +34,9 @@ from srl.runtime.profile.overrides import split
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "new", "srl new my-finger --from sixth-finger --port finger=/dev/ttyACM1")
+    parser = add_command(
+        subparsers, "new", "srl new my-finger --from sixth-finger --port finger=/dev/ttyACM1", COMMANDS
+    )
     parser.add_argument("name", metavar="NAME", help="the profile's own name: a-z, 0-9, - and _; or the word device")
     parser.add_argument("device", nargs="?", metavar="DEVICE", help="after the word device: that one's own name")
     parser.add_argument(

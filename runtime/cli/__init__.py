@@ -7,20 +7,17 @@ import errno
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import TextIOWrapper
 
 from srl.runtime import __version__
-from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.errors import HostError, SrlError
 
 COMMANDS = {
     "list": "lists drivers, controllers and profiles",
-    "new": "writes a profile of your own, or a package for a device of your own",
     "check": "checks a profile and prints its wiring",
     "show": "shows a profile's devices, wiring and frames, as text or as a picture",
     "run": "runs a profile",
-    "calibrate": "makes the calibration file of a person or a device",
-    "jog": "moves one joint of a device while a key is held",
     "stop": "puts the limb into its safe stop",
     "reset": "lets a stopped limb move again, from where it is",
     "start": "lets a limb that is ready move (one without feedback begins at its home)",
@@ -29,17 +26,19 @@ COMMANDS = {
     "replay": "replays a recording and compares the commands",
     "recordings": "lists the recordings of a folder; opens, exports, deletes them",
     "export": "writes a recording as a file of other programs, or as pictures",
-    "study": "runs a paper's experiment",
     "top": "live view of a running instance",
     "panel": "a running instance in the browser: the operator's panel, or the participant's screen",
     "lsl": "sends a running instance's signals to a lab's recorder (Lab Streaming Layer)",
     "keys": "makes certificates for the bus over the network: the service's, and clients' with their roles",
-    "find-port": "lists the serial ports, what each may be, and whether you may open it",
     "doctor": "says whether this host is fit, and what mends it",
 }
-"""What each command does, in one line. It stands here so that `srl --help` imports no command."""
-MODULES = {name: name for name in COMMANDS} | {"find-port": "find_port", "reset": "stop", "start": "stop"}
-"""In which module each command is."""
+"""What each command of the service does, in one line. It stands here so that `srl --help` imports no command.
+
+Others come by the entry points `srl.commands`, from this package and from anyone's: a module of little weight with such
+a table, `COMMANDS`, and `add_parser(subparsers, name)`, which is called for the command that is asked for.
+"""
+MODULES = {name: name for name in COMMANDS} | {"reset": "stop", "start": "stop"}
+"""In which module each of these commands is."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _main(arguments)
     except KeyboardInterrupt:
         return 130  # by Ctrl-C, as a shell says it
+    except HostError as error:  # a package whose command can't be used
+        print(f"srl: {error}", file=sys.stderr)
+        return 2
 
 
 def _main(arguments: Sequence[str] | None) -> int:
@@ -101,13 +103,34 @@ def _add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
             importlib.import_module(f"srl.runtime.cli.{MODULES[name]}").add_parser(subparsers)
         else:
             subparsers.add_parser(name, help=text)
+    if asked in COMMANDS:
+        return  # to look for others takes longer than to read the arguments
+    from srl.runtime.cli import others
+
+    for name, path in others.commands().items():
+        if name in COMMANDS:
+            raise HostError(f"entry points {others.GROUP}: {name}", "srl has such a command", "Give it another name")
+        try:
+            module = others.module(name, path)
+        except HostError as error:
+            if name == asked:
+                raise
+            subparsers.add_parser(name, help=f"(can't be used: {error})".replace("%", "%%"))
+            continue
+        if name == asked:
+            module.add_parser(subparsers, name)
+        else:
+            subparsers.add_parser(name, help=module.COMMANDS[name])
 
 
 def add_command(
-    subparsers: argparse._SubParsersAction[argparse.ArgumentParser], name: str, example: str
+    subparsers: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    example: str,
+    commands: Mapping[str, str] = COMMANDS,
 ) -> argparse.ArgumentParser:
-    """Adds a subcommand's parser with its line of help and an example."""
-    text = COMMANDS[name]
+    """Adds a subcommand's parser with its line of help, from `commands`, and an example."""
+    text = commands[name]
     return subparsers.add_parser(
         name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -19,14 +19,15 @@ from pathlib import Path
 import pytest
 from helpers.lever import write_package
 
-from srl.runtime.cli import COMMANDS
+from srl.runtime.cli import COMMANDS, others
 from srl.runtime.profile import shelf
 from srl.runtime.recording.reader import read
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("runtime", "drivers", "sim", "studies", "profiles", "srl")
+FOLDERS = ("runtime", "control", "commissioning", "drivers", "sim", "studies", "profiles")
+"""Of the packages of the same names in `srl`."""
 # One of each family of studies, the shortest. Each reads data files of its package.
 STUDIES = ("grasp-isotropy", "peg-in-hole", "human-srl", "ikns-dofs")
 CLEAN = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "SRL_"))}
@@ -46,8 +47,9 @@ def built(source: Path, wheels: Path, **variables: str) -> Path:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("copy")  # a build leaves files in its folder, which a later one would take up
-    for name in (*PACKAGES, "native"):
-        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+    for name in ("srl", *FOLDERS, "native"):
+        ignored = shutil.ignore_patterns("__pycache__", "*.so")
+        shutil.copytree(ROOT / name, copy / name, ignore=ignored, symlinks=True)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     return built(copy, tmp_path_factory.mktemp("wheel"))
@@ -97,14 +99,15 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installe
 def test_the_wheel_has_every_file_of_its_packages(wheel: Path) -> None:
     inside = set(zipfile.ZipFile(wheel).namelist())
     files = [
-        p
-        for name in PACKAGES
+        f"srl/{p.relative_to(ROOT)}"
+        for name in FOLDERS
         for p in (ROOT / name).rglob("*")
         if p.is_file() and "__pycache__" not in p.parts and p.suffix != ".so"
     ]
     assert len(files) > 500
-    assert sorted(str(p.relative_to(ROOT)) for p in files if str(p.relative_to(ROOT)) not in inside) == []
-    assert not [name for name in inside if name.startswith(("tests", "bench", "docs"))]
+    assert sorted(set(files) - inside) == []
+    assert {f"srl/{p.name}" for p in (ROOT / "srl").iterdir() if p.is_file()} <= inside
+    assert {name.partition("/")[0].partition("-")[0] for name in inside} == {"srl", "srl_runtime"}
 
 
 def test_the_laws_in_c_come_with_it_where_there_is_a_compiler(wheel: Path, installed: Installed) -> None:
@@ -119,6 +122,8 @@ def test_the_laws_in_c_come_with_it_where_there_is_a_compiler(wheel: Path, insta
 
 def test_without_a_compiler_the_wheel_is_built_and_python_computes(tmp_path: Path) -> None:
     copy = tmp_path / "copy"
+    (copy / "srl").mkdir(parents=True)
+    (copy / "srl" / "runtime").symlink_to("../runtime")
     for name in ("runtime", "native"):
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
@@ -126,11 +131,11 @@ def test_without_a_compiler_the_wheel_is_built_and_python_computes(tmp_path: Pat
     (tmp_path / "wheel").mkdir()
     made = built(copy, tmp_path / "wheel", CC="/nowhere/cc")
     assert not [name for name in zipfile.ZipFile(made).namelist() if name.endswith(".so")]
-    assert "runtime/contracts/compiled.py" in zipfile.ZipFile(made).namelist()
+    assert "srl/runtime/contracts/compiled.py" in zipfile.ZipFile(made).namelist()
 
 
 def test_its_own_packages_are_used_and_not_the_checkout(installed: Installed) -> None:
-    code = f"import importlib; [print(importlib.import_module(name).__file__) for name in {PACKAGES}]"
+    code = f"import importlib; [print(importlib.import_module('srl.' + name).__file__) for name in {FOLDERS}]"
     for line in installed.run("python", "-c", code).splitlines():
         assert Path(line).is_relative_to(installed.bin.parent), line
 
@@ -150,8 +155,9 @@ def in_one_process(installed: Installed, *commands: list[str]) -> list[str]:
 
 
 def test_each_commands_help(installed: Installed) -> None:
-    said = in_one_process(installed, *([command, "--help"] for command in COMMANDS))
-    for command, words in zip(COMMANDS, said, strict=True):
+    commands = (*COMMANDS, *others.commands())
+    said = in_one_process(installed, *([command, "--help"] for command in commands))
+    for command, words in zip(commands, said, strict=True):
         assert words.startswith(f"usage: srl {command}")
 
 

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from srl.control.skeleton.human import human
 from srl.control.skeleton.human_srl import HumanSrl
 from srl.control.skeleton.options import EnvelopeOptions
-from srl.runtime.cli.study import _print_table
 from srl.runtime.profile import profile
+from srl.studies.command import _print_table
 from srl.studies.human_srl import matrices, nodes_claims, nodes_trial, reach_claims, reach_sweep, reach_trial, study
 from srl.studies.human_srl.contacts import Contacts, girths
 from srl.studies.human_srl.intervals import most, over_wearers, share

@@ -1,0 +1,114 @@
+"""Commands of another package join `srl` by an entry point; the old import names say where things are."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers import ROOT
+
+import srl
+from srl.runtime.cli import main
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import HostError
+
+GADGET = """
+COMMANDS = {"gadget": "greets the gadget"}
+
+def add_parser(subparsers, name):
+    parser = subparsers.add_parser(name, help=COMMANDS[name])
+    parser.add_argument("whom")
+    parser.set_defaults(run=lambda args: print("hello", args.whom) or 0)
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    info = tmp_path / "gadget-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: gadget\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[srl.commands]\ngadget = gadget_commands\n")
+    (tmp_path / "gadget_commands.py").write_text(GADGET)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "gadget_commands", raising=False)
+    return tmp_path
+
+
+@pytest.mark.usefixtures("package")
+def test_a_package_brings_its_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gadget", "you"]) == 0
+    assert capsys.readouterr().out == "hello you\n"
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert "greets the gadget" in capsys.readouterr().out
+
+
+def told(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    try:
+        code = main(arguments)
+    except SystemExit as ended:
+        code = int(str(ended.code))
+    said = capsys.readouterr()
+    return code, said.out + said.err
+
+
+def test_one_that_can_t_be_used_is_named_and_disturbs_no_other(
+    package: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (package / "gadget_commands.py").write_text("import no_such_thing")
+    code, said = told(["gadget", "you"], capsys)
+    assert code == 2
+    assert "no_such_thing" in said
+    code, said = told(["--help"], capsys)
+    assert code == 0
+    assert "can't be used" in " ".join(said.split())
+    (package / "gadget_commands.py").write_text("COMMANDS = {}")
+    code, said = told(["gadget", "you"], capsys)
+    assert code == 2
+    assert "has no COMMANDS with 'gadget'" in said
+
+
+@pytest.mark.parametrize(("name", "words"), [("run", "srl has such a command"), ("jog", "claimed twice")])
+def test_a_name_that_is_taken_is_refused(
+    package: Path, capsys: pytest.CaptureFixture[str], name: str, words: str
+) -> None:
+    (package / "gadget-1.dist-info" / "entry_points.txt").write_text(f"[srl.commands]\n{name} = gadget_commands\n")
+    code, said = told(["--help"], capsys)
+    assert code == 2
+    assert words in said
+
+
+# The names from before
+
+
+@pytest.mark.parametrize("name", ["runtime", "control", "commissioning", "drivers", "sim", "studies", "profiles"])
+def test_a_checkout_is_no_second_copy(name: str) -> None:
+    code = f"import {name}"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=100, check=False
+    )
+    assert done.returncode == 1
+    assert f"ImportError: {name} is srl.{name} now" in done.stderr
+    assert importlib.import_module(f"srl.{name}").__name__ == f"srl.{name}"
+
+
+def test_a_part_that_imports_an_old_name_is_told_the_new_one(package: Path) -> None:
+    points = "[srl.drivers]\ngadget = gadget_driver:Gadget\n"
+    (package / "gadget-1.dist-info" / "entry_points.txt").write_text(points)
+    (package / "gadget_driver.py").write_text("from runtime.contracts.driver import Driver\n")
+    with pytest.raises(HostError, match=r"import 'srl\.runtime"):
+        registry.load("drivers", "gadget", "here")
+
+
+def test_srl_s_names_are_all_there_and_load_nothing_before_they_are_used() -> None:
+    for name in srl.__all__:
+        assert getattr(srl, name) is not None
+    assert set(srl.__all__) <= set(dir(srl))
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = srl.nonsense  # type: ignore[attr-defined]
+    code = "import srl, sys; print(*({'numpy', 'pydantic', 'zenoh'} & sys.modules.keys()))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
+    assert done.stdout.split() == []
