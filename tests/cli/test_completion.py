@@ -77,7 +77,7 @@ def test_a_shell_that_has_switched_it_on_completes(shell: str, script: str, tmp_
         pytest.skip(f"{shell} isn't installed here")
     package = Path(argcomplete.__file__).parents[1]
     for name, module in (
-        ("srl", "runtime"),
+        ("srl", "srl"),
         ("register-python-argcomplete", "argcomplete.scripts.register_python_argcomplete"),
     ):
         command = tmp_path / name
