@@ -6,11 +6,14 @@ import argparse
 import importlib
 import json
 import os
+import pty
 import re
 import shlex
 import subprocess
 import sys
+import threading
 import tomllib
+import tty
 import types
 import typing
 from collections.abc import Iterator
@@ -231,6 +234,27 @@ def test_the_example_is_listed(installed: Path) -> None:
     lever = next(d for d in found["drivers"] if d["name"] == "lever")
     assert (lever["fake"], lever["states"]) == (True, ["position"])
     assert "lever-to-joint" in [c["name"] for c in found["controllers"]]
+
+
+@pytest.mark.slow
+def test_the_examples_command_asks_a_lever(installed: Path) -> None:
+    master, slave = pty.openpty()
+    tty.setraw(master)
+    ended = threading.Event()
+
+    def print_lines() -> None:
+        while not ended.wait(0.01):
+            os.write(master, b"512\n")
+
+    printing = threading.Thread(target=print_lines)
+    printing.start()
+    try:
+        assert call(installed, "lever", os.ttyname(slave)).stdout == "0.751 rad\n"
+    finally:
+        ended.set()
+        printing.join()
+        os.close(master)
+        os.close(slave)
 
 
 @pytest.mark.slow

@@ -13,7 +13,9 @@ from typing import Final
 from srl.runtime.contracts import compiled, provenance
 from srl.studies.tasks.task import GROUP
 
-OURS: Final = ("runtime", "drivers", "sim", "studies", "profiles")
+OURS: Final = tuple(
+    f"srl.{name}" for name in ("runtime", "control", "commissioning", "drivers", "sim", "studies", "profiles")
+)
 _SUFFIXES: Final = (".py", ".yaml")
 # Recorded, but not part of a key: kernels and what computes the laws differ in last bits only, and between machines
 # that work for one study.
@@ -52,13 +54,13 @@ def _short(value: str | None) -> str:
 @cache
 def _environment(trial: str) -> dict[str, str]:
     value = next((point.value for point in entry_points(group=f"srl.{GROUP}") if point.name == trial), "missing")
-    tops = [*OURS, *({value.partition(":")[0].partition(".")[0]} - {*OURS, "missing"})]
+    tops = [*OURS, *({value.partition(":")[0].partition(".")[0]} - {"srl", "missing"})]
     found = {"blas": provenance.blas(), "backend": compiled.available(), "function": value, "program": program(tops)}
     return provenance.versions() | found
 
 
 def program(tops: list[str]) -> str:
-    """Returns the hash of the text of top-level packages or modules: an edited line makes another program."""
+    """Returns the hash of the text of packages or modules: an edited line makes another program."""
     digest = hashlib.sha256()
     for top in tops:
         spec = find_spec(top)

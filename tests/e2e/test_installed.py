@@ -181,7 +181,7 @@ def test_a_run_is_recorded_drawn_and_replayed(installed: Installed) -> None:
 def test_the_panels_page_is_there(installed: Installed) -> None:
     code = "from srl.runtime.web.panel.pages import PAGE; print(*sorted(p.name for p in PAGE.iterdir()), sep='\\n')"
     files = installed.run("python", "-c", code).split()
-    assert files == sorted(p.name for p in (ROOT / "runtime" / "panel" / "page").iterdir())
+    assert files == sorted(p.name for p in (ROOT / "runtime" / "web" / "panel" / "page").iterdir())
 
 
 @pytest.mark.sampled(1)  # that every data file is there is seen above
@@ -206,3 +206,4 @@ def test_another_packages_driver_and_law_run(
         "srl", "run", "lever.yaml", "--sim", "--fast", "--duration", "3", "--set", "bus=null", "--record", "l.rrd"
     )
     assert json.loads(installed.run("srl", "replay", "l.rrd", "--json"))["identical"] is True
+    assert "prints a lever's angle once" in installed.run("srl", "--help")

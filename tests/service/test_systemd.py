@@ -63,11 +63,11 @@ def wheel(folder: Path, version: str, sources: Path) -> None:
     """Builds a wheel of that version into `folder`."""
     copy = sources / version
     leave = shutil.ignore_patterns(".*", "build", "*.egg-info", "out", "dist", "tests", "bench")
-    shutil.copytree(ROOT, copy, ignore=leave)
+    shutil.copytree(ROOT, copy, ignore=leave, symlinks=True)
     for file, before in (
         ("pyproject.toml", '^version = "'),
         ("pyproject.toml", 'SRL_VERSION="'),
-        ("runtime/__init__.py", '^__version__ = "'),
+        ("srl/__init__.py", '^__version__ = "'),
     ):
         text = (copy / file).read_text()
         (copy / file).write_text(re.sub(rf'({before})[^"]*"', rf'\g<1>{version}"', text, flags=re.MULTILINE))
@@ -133,7 +133,7 @@ def pids(machine: Machine) -> dict[str, int]:
         number, _, command = line.partition(" ")
         if not command:  # it ended meanwhile
             continue
-        module = re.search(r"-m runtime\.(\w+)", command)
+        module = re.search(r"-m srl\.runtime\.(\w+)", command)
         found[module[1] if module else "supervisor"] = int(number)
     return found
 
