@@ -22,7 +22,7 @@ from srl.runtime.profile import profile
 
 BIAS = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])  # N, N m
 MASS, COM = 0.45, np.array([0.004, -0.007, 0.053])  # kg, m
-_SHIPPED = (files("profiles") / "kairos-man.yaml").read_text()
+_SHIPPED = (files("srl.profiles") / "kairos-man.yaml").read_text()
 PROFILE = re.sub(r"calibration: \{.*\}", "calibration: handle.json", _SHIPPED)
 assert PROFILE != _SHIPPED
 

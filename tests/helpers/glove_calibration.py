@@ -20,7 +20,7 @@ from srl.runtime.models.human_hand import SENSORS
 from srl.runtime.profile import profile
 
 NAMES = SENSORS[22]
-_SHIPPED = (files("profiles") / "sixth-finger.yaml").read_text()
+_SHIPPED = (files("srl.profiles") / "sixth-finger.yaml").read_text()
 PROFILE = _SHIPPED.replace("sensors: 22}", "sensors: 22, calibration: p07.json}")
 assert PROFILE != _SHIPPED
 _random = np.random.default_rng(17)

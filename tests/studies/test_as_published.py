@@ -38,7 +38,7 @@ def test_every_option_is_the_papers_or_can_be_switched_off(use: str) -> None:
 
 @pytest.mark.parametrize("name", ["moca-man", "kairos-man"])
 def test_the_profiles_laws_lose_their_additions_and_nothing_else(name: str) -> None:
-    before = controllers((files("profiles") / f"{name}.yaml").read_text(), "guide")
+    before = controllers((files("srl.profiles") / f"{name}.yaml").read_text(), "guide")
     kept_laws = [entry for entry in before if entry["use"] != WATCH]
     for old, new in zip(kept_laws, as_published(before), strict=True):
         off = OFF.get(old["use"], {})

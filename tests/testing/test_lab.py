@@ -327,7 +327,7 @@ def test_the_plugin_imports_nothing_heavy() -> None:
         "print(sorted(set(sys.modules) - known))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['runtime', 'srl.runtime.testing', 'srl.runtime.testing.plugin']"
+    assert done.stdout.strip() == "['srl', 'srl.runtime', 'srl.runtime.testing', 'srl.runtime.testing.plugin']"
 
 
 @pytest.mark.slow

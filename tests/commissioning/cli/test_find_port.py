@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from helpers import ROOT
 from helpers.run import srl
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
@@ -20,8 +21,6 @@ from srl.runtime.cli import main
 from srl.runtime.profile.ports import local_path
 from srl.runtime.service import serial_ports
 from srl.runtime.service.fitness import serial
-
-ROOT = Path(__file__).parents[2]
 
 
 def info(device: str, usb: str | None = None, maker: str = "", product: str = "", serial: str = "") -> ListPortInfo:
