@@ -100,16 +100,16 @@ def _bounds(guard: CommandGuard, sent: Sent, k: int, now: Array) -> float:
     return float(np.max(np.abs(now) / limit))
 
 
-def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Actuator) -> Sent:
-    """What rows say of one command."""
+def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Actuator, signal: str = "sent") -> Sent:
+    """What rows say of one command. `signal`: "applied", where the device's report of what it sent is a lie."""
 
-    def of(signal: str) -> Array | None:
-        return layout.value(rows, signal).reshape(len(rows), -1) if signal in layout.fields else None
+    def of(name: str) -> Array | None:
+        return layout.value(rows, name).reshape(len(rows), -1) if name in layout.fields else None
 
     words, states = rows[:, layout.device(actuator.device)], rows[:, CYCLE.state]
     left = np.diff(words[:, DEVICE.commands], prepend=words[:1, DEVICE.commands]) > 0
     runs = (states == State.ACTIVE) | (states == State.HOMING)
-    values, feedback = of(f"{actuator.name}.sent"), actuator.command.feedback
+    values, feedback = of(f"{actuator.name}.{signal}"), actuator.command.feedback
     assert values is not None
     return Sent(
         values, left, np.cumsum(np.diff(runs.astype(np.int64), prepend=0) > 0),
@@ -119,10 +119,16 @@ def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Act
     )  # fmt: skip
 
 
-def largest(layout: Layout, rows: NDArray[np.int64], graph: Graph, guards: list[CommandGuard]) -> tuple[float, str]:
-    """The largest share of what the limits allow in all that was sent, and where that was."""
+def largest(
+    layout: Layout, rows: NDArray[np.int64], graph: Graph, guards: list[CommandGuard], lies: str = ""
+) -> tuple[float, str]:
+    """The largest share of what the limits allow in all that was sent, and where that was.
+
+    `lies`: a device that reports as sent what wasn't: of it counts what the guard let through, which it was given.
+    """
     found = [(0.0, "")]
     for actuator, guard in zip(graph.actuators, guards, strict=True):
-        for k, share, what in shares(guard, sent_of(layout, rows, graph, actuator)):
+        signal = "applied" if graph.devices[actuator.device].name == lies else "sent"
+        for k, share, what in shares(guard, sent_of(layout, rows, graph, actuator, signal)):
             found.append((share, f"{actuator.name}, {what}, cycle {int(rows[k, CYCLE.cycle])}"))
     return max(found)
