@@ -50,6 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except HostError as error:  # a package whose command can't be used
         print(f"srl: {error}", file=sys.stderr)
         return 2
+    except ModuleNotFoundError as error:
+        from srl.runtime.contracts import extras
+
+        if remedy := extras.remedy(error.name or ""):
+            print(f"srl: this needs {error.name}, which isn't installed here. {remedy}", file=sys.stderr)
+            return 2
+        raise
 
 
 def _main(arguments: Sequence[str] | None) -> int:

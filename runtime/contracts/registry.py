@@ -11,6 +11,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final
 
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.declared import declared
 from srl.runtime.contracts.errors import HostError, ProfileError, nearest
 
@@ -47,7 +48,7 @@ def load(group: str, name: str, place: str) -> Any:
         elif missing.partition(".")[0] == "srl":
             remedy = "It expects another version of srl-runtime. CHANGELOG.md says where modules went"
         else:
-            remedy = "Install what is missing into the runtime's environment"
+            remedy = extras.remedy(missing) or "Install what is missing into the runtime's environment"
         raise HostError(place, f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}", remedy) from error
 
 

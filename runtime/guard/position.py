@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from math import copysign, inf, isfinite, isinf, sqrt
 
-import ruckig
-
 from srl.runtime.contracts.signals import Limits, Stop
 from srl.runtime.guard.approach import approach
 from srl.runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
@@ -53,11 +51,10 @@ class PositionGuard(CommandGuard):
         self._floor: list[float] = []
         self._ceiling: list[float] = []
         self._beyond = True
-        self._otg = ruckig.Ruckig(1)
-        self._plan = ruckig.Trajectory(1)
-        self._inputs = [ruckig.InputParameter(1) for _ in self._bounds]
-        for ask, J in zip(self._inputs, self.max_jerk, strict=True):
-            ask.target_position, ask.max_jerk = [0.0], [J]
+        if not all(map(isinf, self.max_jerk)):
+            from srl.runtime.guard.jerk_limited import JerkLimited
+
+            self._jerk_limited = JerkLimited(self.max_jerk)
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._states = [(p, v, 0.0) for p, v in zip(position, velocity, strict=True)]
@@ -186,17 +183,10 @@ class PositionGuard(CommandGuard):
             x, xd = approach(x, xd, slowest, fastest, left, dt)
             xdd = 0.0
         else:
-            ask = self._inputs[i]
-            ask.current_position, ask.current_velocity, ask.current_acceleration = [x], [xd], [a - acceleration]
-            ask.min_velocity, ask.max_velocity, ask.max_acceleration = [slowest], [fastest], [left]
-            try:
-                if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
-                    return None
-                (x,), (xd,), (xdd,) = self._plan.at_time(dt)
-            except ruckig.RuckigError:
+            planned = self._jerk_limited.after(i, x, xd, a - acceleration, slowest, fastest, left, dt)
+            if planned is None:
                 return None
-            if dt >= self._plan.duration:
-                x = xd = xdd = 0.0  # removes the rounding errors of the motion
+            x, xd, xdd = planned
         way, after = wanted + x - p, speed + xd
         # A braking target is faster in mid-cycle than at the end of the cycle.
         if not isfinite(xd + xdd) or not abs(way) <= V * dt * (1 + 1e-9):

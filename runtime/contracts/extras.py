@@ -1,0 +1,43 @@
+"""Which part of srl-runtime a library comes with, and the command that installs it (docs/install.md)."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from typing import Final
+
+PACKAGE: Final = "srl-runtime"
+EXTRA_OF: Final = {
+    "aiohttp": "panel",
+    "cryptography": "panel",
+    "daqp": "models",
+    "distributed": "distributed",
+    "eigenpy": "models",
+    "example_robot_data": "meshes",
+    "ezc3d": "c3d",
+    "matplotlib": "view",
+    "mcap": "mcap",
+    "mujoco": "sim",
+    "PIL": "view",
+    "pinocchio": "models",
+    "pyarrow": "view",
+    "pylsl": "lsl",
+    "pytest": "testing",
+    "rerun": "view",
+    "scipy": "models",
+}
+"""The extra of each library that isn't in every installation, by the name under which it is imported."""
+ALONE: Final = {"ruckig": "ruckig"}
+"""Libraries that come with the package where they have a wheel, and can be built elsewhere."""
+
+
+def remedy(module: str) -> str:
+    """What to type so that a module can be imported; "" if it is none of ours."""
+    top = module.partition(".")[0]
+    if top in ALONE:
+        what = ALONE[top]
+    elif top in EXTRA_OF:
+        what = f"{PACKAGE}[{EXTRA_OF[top]}]"
+    else:
+        return ""
+    return f"Install it: {shlex.quote(sys.executable)} -m pip install {shlex.quote(what)}"
