@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from srl.runtime.recording.reader import Recording
 
 STILLS = 10  # instants, unless they are given
-OUTPUTS = ("bvh", "stills", "film", "tree")
+OUTPUTS = ("rrd", "bvh", "stills", "film", "tree")
 SIDES = ("front", "back", "left", "right")
 
 
@@ -28,6 +28,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "srl export run.rrd --parquet run.parquet --mcap run.mcap",
     )
     parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
+    parser.add_argument(
+        "--rrd", metavar="FILE", type=Path, help="a recording that rerun shows, of segments made where rerun isn't"
+    )
     parser.add_argument("--parquet", metavar="FILE", type=Path, help="a table: a row a cycle, a column a number")
     parser.add_argument("--mcap", metavar="FILE", type=Path, help="ROS 2's messages, for Foxglove and PlotJuggler")
     parser.add_argument("--c3d", metavar="FILE", type=Path, help="a body's points and the devices' other numbers")
@@ -74,7 +77,11 @@ def run(args: argparse.Namespace) -> int:
             raise RequestError(f"--{form}", problem, f"Name it like run{ending}")
     for form in (*forms, "page"):
         target = getattr(args, form)
-        if target is not None and (target.suffix == ".rrd" or target.resolve() == args.recording.resolve()):
+        if form == "rrd" and target is not None and target.suffix != ".rrd":
+            raise RequestError("--rrd", f"the name {target} doesn't end in .rrd", "Name it like run.rrd")
+        if target is not None and (
+            (target.suffix == ".rrd" and form != "rrd") or target.resolve() == args.recording.resolve()
+        ):
             raise RequestError(f"--{form}", f"{target} is a recording, and would be lost", "Choose another name")
     for option, needed in (
         ("rate", ("bvh", "film", "c3d")), ("person", ("bids",)), ("law", ("bvh",)), ("page", ("bvh",)),
@@ -99,10 +106,17 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
     """Writes what is asked for; returns the figures, the lines about them, and the number of missing rows."""
     from srl.runtime.recording.reader import read
 
+    if args.rrd is not None:
+        from srl.runtime.recorder.converted import convert
+
+        rows = convert(args.recording, args.rrd)
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
     figures: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
     said = _data(recording, args, figures)
+    if args.rrd is not None:
+        figures["rrd"] = str(args.rrd)
+        said.append(f"{args.rrd}: {rows} rows")
     if args.bvh is not None:
         frames, law, period = _bvh(recording, args)
         figures |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}

@@ -179,7 +179,7 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
     result["instance"] = supervisor.run_folder.path.name
     result["restarts"] = {h.name: h.restarts for h in supervisor.helpers}
     result["result"] = supervisor.figures
-    result["recording"] = str(args.record) if args.record is not None else None
+    result["recording"] = str(_recording(args.record)) if args.record is not None else None
     if supervisor.death is not None:
         code = 1
         death = supervisor.death
@@ -278,6 +278,13 @@ def _check_owners(person: str | None, source: Source, graph: Graph) -> None:
         if known and whose != person:
             problem = f"the file {name} was made with {whose}, the run is {person}'s"
             raise RequestError("--person", problem, f"Name {person}'s file in the profile, or calibrate {person}")
+
+
+def _recording(record: Path) -> Path:
+    """Where the recording is: without rerun, or where it couldn't be finished, in its segments."""
+    from srl.runtime.recording.segments import folder_of
+
+    return record if record.exists() or not folder_of(record).exists() else folder_of(record)
 
 
 def _draw(record: Path, figure: Path) -> None:

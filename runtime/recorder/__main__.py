@@ -11,10 +11,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.ipc.child import Ending
+
+if TYPE_CHECKING:
+    from srl.runtime.recorder.base import BaseRecorder
 
 
 def main() -> int:
@@ -26,12 +31,22 @@ def main() -> int:
     options = parser.parse_args()
     try:
         from srl.runtime.ipc.run_folder import RunFolder
-        from srl.runtime.recorder.process import Recorder
 
-        return Recorder(RunFolder(options.run_folder), options.out, ending).run()
+        return _recorder()(RunFolder(options.run_folder), options.out, ending).run()
     except SrlError as error:
         print(f"recorder: {error}", file=sys.stderr)
         return 2
+
+
+def _recorder() -> type[BaseRecorder]:
+    """What records here: without rerun the rows go to files of a form of their own."""
+    if find_spec("rerun") is None:
+        from srl.runtime.recorder.plain import PlainRecorder
+
+        return PlainRecorder
+    from srl.runtime.recorder.process import Recorder
+
+    return Recorder
 
 
 if __name__ == "__main__":

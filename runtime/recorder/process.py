@@ -1,75 +1,38 @@
-"""The recorder's loop: it writes rows and events from the rings to segments. A thread merges them as they are closed.
-
-It can be killed at any moment and started again: the ring's `consumed` advances only over rows that have left this
-process, and later rows are still in the ring. Rows that were written twice because of a kill are dropped on reading.
-"""
+"""The recorder where rerun is: its segments are merged into one `.rrd` in a thread, as they are closed."""
 
 from __future__ import annotations
 
 import os
-import sys
-import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from srl.runtime.contracts.errors import RecordingError
-from srl.runtime.ipc.child import FINAL, Ending
-from srl.runtime.ipc.control_socket import NOTES, send_note
-from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.ipc.child import FINAL
+from srl.runtime.recorder import base
+from srl.runtime.recorder.base import INCOMPLETE, BaseRecorder
 from srl.runtime.recorder.merge import Merger
 from srl.runtime.recorder.stream import Stream
-from srl.runtime.recorder.tail import Tail
+from srl.runtime.recorder.tail import Batch
 from srl.runtime.recording.framing import HEADER, strip
-from srl.runtime.recording.keep import LEDGER, Keep, make_room
-from srl.runtime.recording.reader import check_run
-from srl.runtime.recording.segments import Segments, check_target, claim, folder_of, listed
+from srl.runtime.recording.segments import Segments, listed
 from srl.runtime.recording.source import Source
-from srl.runtime.recording.summary import persons
-
-RETRY = 0.5  # s between attempts to write to a full disk
-LOOK = 60.0  # s between looks at what the folder needn't keep
-PATIENCE = 10.0  # s after the run's end during which the recorder waits for room on a full disk
-
-WELL, INCOMPLETE = 0, 1  # exit codes, beside FINAL
 
 
-class Recorder:
+class Recorder(BaseRecorder):
     """One run's recorder."""
 
-    def __init__(self, run: RunFolder, target: Path, ending: Ending | None = None) -> None:
-        """Opens the rings and finds where to begin or to continue.
-
-        Raises:
-            RecordingError: there is no run, or a recording of another run exists at the target.
-        """
-        self._run, self._target, self._folder = run, target, folder_of(target)
-        self._tail = Tail(run, recorder=True, ending=ending)
-        self._ring = self._tail.ring
-        self._done = self._finished()
-        if self._done:
-            return
-        if listed(self._folder):
-            check_run(self._folder, self._tail.text)
-            self._ring.sequence = self._ring.consumed
-        else:
-            check_target(target)
-        self._claim = claim(self._folder)
+    def _begin(self) -> Segments:
         self._stream = Stream(self._tail.text)
         self._binary = self._stream.recording.binary_stream()
         self._stream.head()
         head = self._binary.read()
         prologue = head[:HEADER] + strip(head)
-        self._segments = Segments(self._folder, prologue)
-        self._merger = Merger(target, self._tail.text, prologue, say)
+        self._merger = Merger(self._target, self._tail.text, prologue, base.say)
         self._worker = ThreadPoolExecutor(1, "merge")
         self._merging: Future[None] | None = None
         self._closed: list[Path] = []  # the segments of the last merge
-        self._stuck = self._unmerged = False
-        self._lost = 0
-        meta = self._stream.layout.meta
-        self._keep, self._mine = Keep.of((meta.get("record") or {}).get("keep")), persons(self._stream.layout)
-        self._looked, self._full = time.monotonic(), ""  # what starts a run has just looked
-        self._said: list[str] = []  # in the last look
+        self._unmerged = False
+        return Segments(self._folder, prologue)
 
     def run(self) -> int:
         """Records until the run ends, then merges the rest. Returns the exit code."""
@@ -82,24 +45,17 @@ class Recorder:
             self._close()
             self._worker.shutdown()
         if not stored:
-            say(f"the disk stayed full: new rows are in the ring, the rest in {self._folder}")
+            base.say(f"the disk stayed full: new rows are in the ring, the rest in {self._folder}")
             return INCOMPLETE
         try:
             self._merger.finish()
         except RecordingError as error:
-            say(str(error))
+            base.say(str(error))
             return FINAL if self._target.exists() or not self._ring.head else INCOMPLETE
         finally:
             self._merger.close()
             os.close(self._claim)
         return self._whole(self._merger.rows)
-
-    def _whole(self, rows: int) -> int:
-        """Whether the recording holds every row that was made; the exit code."""
-        if lost := self._ring.consumed - rows:  # also by a recorder before this one
-            say(f"{self._target}: {rows} rows, {lost} were lost")
-            return FINAL
-        return WELL
 
     def _finished(self) -> bool:
         """Whether an earlier recorder of this run had put the recording in its place before it was killed."""
@@ -115,16 +71,16 @@ class Recorder:
             self._folder.rmdir()
         return mine
 
-    def _merge(self) -> None:
+    def _beside(self) -> None:
         """Has the closed segments merged beside the recording. What fails is tried again with the next segment."""
         if self._merging is not None:
             if not self._merging.done():
                 return
             error = self._merging.exception()
             if error is not None and not self._unmerged:
-                say(f"{error} (it is tried again)")
+                base.say(f"{error} (it is tried again)")
             elif error is None and self._unmerged:
-                say(f"{self._folder}: merging again")
+                base.say(f"{self._folder}: merging again")
             self._segments.merged(self._merger.added)
             self._merger.added.clear()
             self._unmerged = error is not None
@@ -136,75 +92,11 @@ class Recorder:
             self._merging = self._worker.submit(self._grow, closed)
 
     def _grow(self, closed: list[Path]) -> None:
-        """Merges segments, and now and then deletes what the folder needn't keep."""
+        """Merges segments."""
         self._merger.merge(closed)
-        if time.monotonic() - self._looked > LOOK:
-            self._looked = time.monotonic()
-            said: list[str] = []
-            full = make_room(self._folder.absolute().parent, self._keep, self._mine, said.append)
-            if full and not self._full:
-                said.append(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
-            self._full = full
-            self._note([text for text in said if text not in self._said])  # not each minute that nothing can go
-            self._said = said
+        self._look()
 
-    def _note(self, texts: list[str]) -> None:
-        """Says what happens to recordings, and has it written among the run's events, which take few at once."""
-        for text in texts:
-            say(text)
-        if len(texts) > NOTES:
-            more = f"and {len(texts) - NOTES + 1} more of the like; all deletions are in {LEDGER}"
-            texts = [*texts[: NOTES - 1], more]
-        for text in texts:
-            send_note(self._run, text)
-
-    def _close(self) -> None:
-        """Ends the last segment."""
-        try:
-            self._segments.close()
-        except OSError as error:
-            say(f"{self._folder}: what was deleted there can't be written again ({error.strerror})")
-
-    def _record(self) -> bool:
-        """Takes rows until no more will follow. Returns False if there was no room for the last ones."""
-        while True:
-            batch, over = self._tail.next()
-            if over:
-                return True
-            if self._ring.lost > self._lost:
-                say(f"{self._ring.lost - self._lost} rows were overwritten before they could be written")
-                self._lost = self._ring.lost
-            self._merge()
-            if not batch:
-                continue
-            self._stream.pack(batch.sequence, batch.rows, quick=True)
-            self._stream.events(batch.numbers, batch.events)
-            if not self._store(strip(self._binary.read()), batch.rows.nbytes):
-                return False
-            self._ring.set_consumed(self._ring.sequence)
-
-    def _store(self, data: bytes, weight: int) -> bool:
-        """Writes messages and waits for room if necessary. Returns False if the run is over without room."""
-        over_since = None
-        while True:
-            try:
-                self._segments.write(data, weight)
-            except OSError as error:
-                if not self._stuck:
-                    say(f"{self._folder}: can't write ({error.strerror}); will try again")
-                self._stuck = True
-            else:
-                if self._stuck:
-                    say(f"{self._folder}: recording again")
-                self._stuck = False
-                return True
-            if self._tail.over:
-                over_since = over_since or time.monotonic()
-                if time.monotonic() - over_since > PATIENCE:
-                    return False
-            time.sleep(RETRY)
-
-
-def say(text: str) -> None:
-    """Prints a line for people."""
-    print(f"recorder: {text}", file=sys.stderr, flush=True)
+    def _encoded(self, batch: Batch) -> bytes:
+        self._stream.pack(batch.sequence, batch.rows, quick=True)
+        self._stream.events(batch.numbers, batch.events)
+        return strip(self._binary.read())

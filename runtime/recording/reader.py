@@ -24,7 +24,7 @@ class Recording:
 
     Attributes:
         path: the file or folder it was read from.
-        layout: the meaning of the words.
+        layout: the meaning of the words; `text`: its JSON.
         sequence: (k,) sequence numbers of the rows, ascending.
         rows: (k, width) int64 words.
         missing: (first, last) of each gap in the sequence numbers, which start at 1.
@@ -39,6 +39,7 @@ class Recording:
     missing: list[tuple[int, int]]
     events: list[Event]
     salvaged: int
+    text: str = ""
 
     def int(self, name: str) -> Words:
         """The word `name` of every row, (k,)."""
@@ -103,7 +104,7 @@ def _files(path: Path, files: list[Path]) -> Recording:
     sequence = np.concatenate([s for s, _ in blocks]) if blocks else np.empty(0, np.int64)
     rows = np.concatenate([r for _, r in blocks]) if blocks else np.empty((0, source.layout.width), np.int64)
     events = [event for _, event in sorted(source.events.items(), key=lambda item: item[0])]
-    return Recording(path, source.layout, sequence, rows, gaps(sequence), events, source.cut)
+    return Recording(path, source.layout, sequence, rows, gaps(sequence), events, source.cut, source.text)
 
 
 def _black_box(path: Path) -> Recording:

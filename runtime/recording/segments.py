@@ -16,6 +16,7 @@ from pathlib import Path
 from srl.runtime.contracts.errors import RecordingError
 
 ENDING = ".segments"
+ENDINGS = (".rrd", ".rows")  # of its files: rerun's, and the form for a machine without it
 GROWING = "000000.rrd"
 SECONDS = 20.0  # of a segment: the longer, the less its drawing takes, and the more there is to do at the end
 BYTES = 16 << 20  # of its rows before they are packed
@@ -30,7 +31,7 @@ def folder_of(target: Path) -> Path:
 
 def listed(folder: Path) -> list[Path]:
     """The files, the oldest rows first."""
-    return sorted(p for p in folder.glob("*.rrd") if p.stem.isdigit() and p.is_file())
+    return sorted(p for p in folder.glob("*") if p.suffix in ENDINGS and p.stem.isdigit() and p.is_file())
 
 
 def numbered(folder: Path) -> list[Path]:
@@ -82,9 +83,9 @@ def claim(folder: Path) -> int:
 class Segments:
     """Writes segments. A failed write leaves the file as it was, so that it can be tried again."""
 
-    def __init__(self, folder: Path, prologue: bytes) -> None:
-        """`prologue`: stream header and messages at the beginning of each file."""
-        self.folder = folder
+    def __init__(self, folder: Path, prologue: bytes, ending: str = ENDINGS[0]) -> None:
+        """`prologue`: what stands at the beginning of each file. `ending`: of their names, one of ENDINGS."""
+        self.folder, self._ending = folder, ending
         self._prologue = prologue
         self._number = 0
         self._file: int | None = None
@@ -138,7 +139,7 @@ class Segments:
 
     @property
     def _path(self) -> Path:
-        return self.folder / f"{self._number:06d}.rrd"
+        return self.folder / f"{self._number:06d}{self._ending}"
 
     def _keep_all(self) -> None:
         """Writes again what isn't in the folder. One that was merged just then is merged again, without new rows."""

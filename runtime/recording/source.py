@@ -1,6 +1,7 @@
 """Reads recorded rows file by file: cuts torn tails, drops duplicates, never holds more than a window in memory.
 
-A recording can be read while it grows: its files are held open from the beginning, so none can vanish.
+rerun is loaded for its own files only; those of the plain form (srl.runtime.recording.plain) need none of it. A
+recording can be read while it grows: its files are held open from the beginning, so none can vanish.
 """
 
 from __future__ import annotations
@@ -10,17 +11,15 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import rerun as rr
 
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.ipc.events import Event
 from srl.runtime.ipc.layout import Layout, Words
+from srl.runtime.recording import plain
 from srl.runtime.recording.blocks import unpack
-from srl.runtime.recording.columns import ROW, Assembler, Columns
 from srl.runtime.recording.format import (
     APPLICATION,
     BLOCK,
@@ -36,14 +35,18 @@ from srl.runtime.recording.format import (
 )
 from srl.runtime.recording.framing import Window, whole, windows
 from srl.runtime.recording.segments import ENDING, listed
-from srl.runtime.recording.sound import sound
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from srl.runtime.recording.columns import Assembler
 
 _MUCH = 64 << 20  # bytes of columns before rows are made of them
 _TAIL = 64 << 20  # bytes at a file's end that hold its last rows
 _LOOKS = 5  # at a folder whose files are merged meanwhile
 _ARCHETYPES = {EVENTS: EVENT, OLD_EVENTS: OLD_EVENT}
 _LEVELS = {text: level for level, text in LEVELS.items()}
-Chunk = tuple[str, pa.RecordBatch]
+Chunk = tuple[str, "pa.RecordBatch"]
 
 
 class Source:
@@ -82,6 +85,9 @@ class Source:
 
     def head(self) -> str:
         """The layout's JSON of the first file, without reading its rows; "" if the file ends before it."""
+        if plain.is_plain(self.files[0], self.files[0]):
+            first = next(plain.records(self.files[0], self.files[0]), None)
+            return first[1].decode() if first is not None and first[0] is plain.Kind.LAYOUT else ""
         for path, batch in self._chunks(self.files[0], self.files[0]):
             self._take(self.files[0], path, batch)
             if self.text:
@@ -91,10 +97,30 @@ class Source:
     def _read(self, file: Path, held: Path) -> Iterator[tuple[Words, Words]]:
         """Yields the rows of a file as they are in it, also those that an earlier file had."""
         self._assembler = None
+        if plain.is_plain(held, file):
+            yield from self._plain(file, held)
+            return
         for path, batch in self._chunks(file, held):
             self._take(file, path, batch)
             yield from self._made(_MUCH)
         yield from self._made(0)
+
+    def _plain(self, file: Path, held: Path) -> Iterator[tuple[Words, Words]]:
+        """Yields the rows of a file in the plain form."""
+        good = len(plain.START)
+        for kind, data, end in plain.records(held, file):
+            good = end
+            try:
+                if kind is plain.Kind.LAYOUT:
+                    self._know(file, data.decode())
+                elif kind is plain.Kind.EVENTS:
+                    self.events |= plain.events_of(data)
+                else:
+                    self._add(data)
+            except ValueError:
+                self.damaged += 1
+            yield from self._made(0)
+        self.cut += max(held.stat().st_size - good, 0)
 
     def _made(self, most: int) -> list[tuple[Words, Words]]:
         """The rows read since the last call; those of columns once there are more than `most` bytes."""
@@ -180,28 +206,40 @@ class Source:
         if version not in (COLUMNS_ONLY, FORMAT):
             problem = f"the recording's format is {version}, this srl reads {COLUMNS_ONLY} and {FORMAT}"
             raise RecordingError(str(file), problem, "Read it with the version of srl that wrote it")
-        text = column(batch, "layout")[0]
+        layout = self._know(file, column(batch, "layout")[0])
+        if version == COLUMNS_ONLY:
+            from srl.runtime.recording.columns import Assembler, Columns
+
+            self._assembler = Assembler(Columns(layout))
+        else:
+            self._assembler = None
+
+    def _know(self, file: Path, text: str) -> Layout:
+        """Takes the layout of a file."""
         if self.text and text != self.text:
             raise RecordingError(str(file), "it belongs to another run than the files before", "Keep runs apart")
-        if not self.text:
+        if self.layout is None:
             self.text, self.layout = text, Layout.from_json(text, str(file))
-        assert self.layout is not None
-        self._assembler = Assembler(Columns(self.layout)) if version == COLUMNS_ONLY else None
+        return self.layout
 
     def _take_rows(self, batch: pa.RecordBatch) -> None:
         if self.layout is None:
             raise ValueError("rows before their layout")
-        width = len(self.layout.recorded_names) + self.layout.floats
         blocks = batch.column(batch.schema.names.index(f"{BLOCK}:block"))
         for i in range(len(blocks)):
             try:
-                sequence, rows = unpack(blocks[i].values.to_numpy().tobytes())
-                if rows.shape[1] != width:
-                    raise ValueError("its rows are of another width")
+                self._add(blocks[i].values.to_numpy().tobytes())
             except ValueError:
                 self.damaged += 1
-                continue
-            self._rows.append((sequence, self.layout.upgrade(rows)))
+
+    def _add(self, block: bytes) -> None:
+        """Takes a block of rows. Raises ValueError: it doesn't prove itself, or is of other rows."""
+        if self.layout is None:
+            raise ValueError("rows before their layout")
+        sequence, rows = unpack(block)
+        if rows.shape[1] != len(self.layout.recorded_names) + self.layout.floats:
+            raise ValueError("its rows are of another width")
+        self._rows.append((sequence, self.layout.upgrade(rows)))
 
     def _take_events(self, batch: pa.RecordBatch, archetype: str) -> None:
         names = (f"{archetype}:sequence", f"{archetype}:time", "TextLog:text", "TextLog:level")
@@ -219,6 +257,10 @@ def column(batch: pa.RecordBatch, name: str) -> list[Any]:
 
 def _decoded(stream: Path, shown: Path, named: bool) -> list[Chunk]:
     """The chunks of a stream of whole messages; `named`: it must be srl's. RuntimeError: rerun can't decode it."""
+    import rerun as rr
+
+    from srl.runtime.recording.sound import sound
+
     if not sound(stream):
         raise RuntimeError("its data is damaged")
     with warnings.catch_warnings():
@@ -233,6 +275,8 @@ def _decoded(stream: Path, shown: Path, named: bool) -> list[Chunk]:
 
 def last_row(path: Path) -> int:
     """The number of the last row of a file, found from its end; 0 if it has none there."""
+    from srl.runtime.recording.columns import ROW
+
     source, good, last = Source([path]), whole(path), 0
     with windows(path, max(good - _TAIL, 0), good) as found:
         for window in found:

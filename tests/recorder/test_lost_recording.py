@@ -15,7 +15,7 @@ from helpers.run import Running
 from helpers.segments import expected
 from helpers.wait import until
 
-from srl.runtime.recorder import process
+from srl.runtime.recorder import base
 from srl.runtime.recorder.process import Recorder
 from srl.runtime.recording import segments
 from srl.runtime.recording.reader import read
@@ -29,7 +29,7 @@ AT_ONCE = 1e9  # rows/s
 def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What the recorders say."""
     lines: list[str] = []
-    monkeypatch.setattr(process, "say", lines.append)
+    monkeypatch.setattr(base, "say", lines.append)
     return lines
 
 
@@ -41,7 +41,7 @@ def test_rows_that_were_lost_stay_lost_when_the_recorder_is_started_again(tmp_pa
     ring.finish()
     codes = [Recorder(run, out).run() for _ in range(ATTEMPTS)]
     assert np.array_equal(read(out).rows, expected(layout, 600)[344:])
-    assert codes == [process.FINAL] * ATTEMPTS
+    assert codes == [base.FINAL] * ATTEMPTS
     assert any("344" in line for line in said)
 
 
@@ -50,7 +50,7 @@ def test_a_recording_without_a_gap_is_still_complete_when_the_recorder_is_starte
     run, ring, events = make_run(tmp_path / "run", layout)
     write_run(run, ring, events, layout, 600, AT_ONCE)
     ring.finish()
-    assert [Recorder(run, tmp_path / "out.rrd").run() for _ in range(2)] == [process.WELL] * 2
+    assert [Recorder(run, tmp_path / "out.rrd").run() for _ in range(2)] == [base.WELL] * 2
 
 
 @pytest.mark.parametrize("deleted", ["folder", "files", "moved", "oldest"])
@@ -58,7 +58,7 @@ def test_a_recording_without_a_gap_is_still_complete_when_the_recorder_is_starte
 def test_what_is_deleted_during_the_run_is_written_again(
     tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch, deleted: str, merged: bool
 ) -> None:
-    monkeypatch.setattr(process, "RETRY", 0.01)
+    monkeypatch.setattr(base, "RETRY", 0.01)
     monkeypatch.setattr(segments, "FIRST", 0.0)  # each batch is a segment of its own
     monkeypatch.setattr(segments, "SECONDS", 0.0 if merged else 1e9)
     layout = make_layout(extra=4)
@@ -89,7 +89,7 @@ def test_what_is_deleted_during_the_run_is_written_again(
             ring.finish()
         code = recorder.result(60)
     assert np.array_equal(read(out).rows, expected(layout, 1400))
-    assert code == process.WELL
+    assert code == base.WELL
     assert not folder.exists()
 
 
@@ -108,14 +108,14 @@ def test_what_appears_where_the_recording_is_to_be_is_left_alone_and_named(
     else:
         out.mkdir()
     codes = [recorder.run(), *(Recorder(run, out).run() for _ in range(ATTEMPTS))]
-    assert codes == [process.FINAL] * (1 + ATTEMPTS)
+    assert codes == [base.FINAL] * (1 + ATTEMPTS)
     assert out.is_dir() if kind == "folder" else out.read_text() == "precious"
     assert str(out) in said[-1]
     kept = read(folder_of(out))
     assert np.array_equal(kept.rows, expected(layout, 600))
     assert [event.text for event in kept.events] == ["row 500: Grüße"]
     out.rmdir() if kind == "folder" else out.unlink()
-    assert Recorder(run, out).run() == process.WELL  # its place is free again
+    assert Recorder(run, out).run() == base.WELL  # its place is free again
     assert np.array_equal(read(out).rows, expected(layout, 600))
     assert not numbered(folder_of(out))
 

@@ -19,11 +19,12 @@ from helpers.small_disk import small_disk
 from helpers.wait import until
 
 from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.child import FINAL
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.recorder import __main__ as command
-from srl.runtime.recorder import process
+from srl.runtime.recorder import base
 from srl.runtime.recorder.merge import Merger
-from srl.runtime.recorder.process import FINAL, Recorder
+from srl.runtime.recorder.process import Recorder
 from srl.runtime.recording.reader import read
 from srl.runtime.recording.segments import folder_of, numbered
 
@@ -95,8 +96,8 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
 
 def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    monkeypatch.setattr(process, "say", said.append)
-    monkeypatch.setattr(process, "PATIENCE", float("inf"))
+    monkeypatch.setattr(base, "say", said.append)
+    monkeypatch.setattr(base, "PATIENCE", float("inf"))
     layout = make_layout()
     run, ring, events = make_run(tmp_path / "run", layout)
     # No process of its own: on a busy machine its start alone takes long.

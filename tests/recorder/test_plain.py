@@ -1,0 +1,162 @@
+"""Recording where rerun isn't: the segments are the recording; another machine makes a `.rrd` of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.recording import make_layout, make_run, write_run
+from helpers.run import environment
+from helpers.segments import expected
+from helpers.srl_twin import TwinProcess
+from hypothesis import given
+from hypothesis import strategies as st
+
+from srl.runtime.cli import main
+from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.child import FINAL
+from srl.runtime.recorder import base
+from srl.runtime.recorder.converted import convert
+from srl.runtime.recorder.plain import PlainRecorder
+from srl.runtime.recording import plain
+from srl.runtime.recording.plain import START, Kind, record, records
+from srl.runtime.recording.reader import read
+from srl.runtime.recording.segments import folder_of, listed
+
+AT_ONCE = 1e9  # rows/s
+HEAVY = ("rerun", "pyarrow", "matplotlib", "mujoco", "pinocchio", "scipy", "eigenpy", "daqp", "aiohttp", "PIL",
+         "cryptography")  # fmt: skip
+"""What is blocked below: everything that a machine which only runs devices hasn't got."""
+WITHOUT = f"""
+from importlib.machinery import PathFinder
+found = PathFinder.find_spec
+PathFinder.find_spec = staticmethod(
+    lambda name, path=None, target=None: None if name.partition(".")[0] in {HEAVY} else found(name, path, target)
+)
+"""
+
+
+def test_rows_and_events_come_back_bit_for_bit_and_a_torn_tail_is_cut(tmp_path: Path) -> None:
+    layout = make_layout(extra=4)
+    run, ring, events = make_run(tmp_path / "run", layout, capacity=4096)
+    out = tmp_path / "out.rrd"
+    write_run(run, ring, events, layout, 3000, AT_ONCE)
+    ring.finish()
+    assert PlainRecorder(run, out).run() == base.WELL
+    folder = folder_of(out)
+    assert not out.exists()
+    found = read(folder)
+    assert np.array_equal(found.rows, expected(layout, 3000))
+    assert (found.missing, found.salvaged) == ([], 0)
+    assert [n.text for n in found.events] == [f"row {i}: Grüße" for i in range(500, 3001, 500)]
+    assert PlainRecorder(run, out).run() == base.WELL  # started again after its end
+    last = listed(folder)[-1]
+    whole = last.read_bytes()
+    last.write_bytes(whole[:-3])
+    assert 0 < read(folder).salvaged < len(whole)
+    last.write_bytes(whole)
+    main(["export", str(folder), "--rrd", str(out)])
+    made = read(out)
+    assert np.array_equal(made.rows, found.rows)
+    assert made.events == found.events
+    with pytest.raises(RecordingError, match="something of this name"):
+        convert(folder, out)
+
+
+def test_rows_that_were_overwritten_are_told(tmp_path: Path) -> None:
+    layout = make_layout(extra=4)
+    run, ring, events = make_run(tmp_path / "run", layout, capacity=256)
+    write_run(run, ring, events, layout, 600, AT_ONCE)
+    ring.finish()
+    assert PlainRecorder(run, tmp_path / "out.rrd").run() == FINAL
+    assert np.array_equal(read(tmp_path / "out.rrd.segments").rows, expected(layout, 600)[344:])
+
+
+def test_a_file_of_another_version_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "a.rrd.segments"
+    folder.mkdir()
+    (folder / "000001.rows").write_bytes(START[:4] + b"\2\0\0\0")
+    with pytest.raises(RecordingError, match="have the form 2, this srl reads 1"):
+        read(folder)
+
+
+@given(st.lists(st.tuples(st.sampled_from(list(Kind)), st.binary(max_size=40)), max_size=6), st.data())
+def test_any_damage_costs_the_records_behind_it_at_most(made: list[tuple[Kind, bytes]], data: st.DataObject) -> None:
+    content = bytearray(START + b"".join(record(kind, text) for kind, text in made))
+    at = data.draw(st.integers(len(START), max(len(content) - 1, len(START))))
+    before = [len(START)]
+    for kind, text in made:
+        before.append(before[-1] + len(record(kind, text)))
+    if at < len(content):
+        content[at] ^= 1 << data.draw(st.integers(0, 7))
+    file = os.memfd_create("test")
+    try:
+        os.write(file, content)
+        path = Path(f"/proc/self/fd/{file}")
+        found = list(records(path, path))
+    finally:
+        os.close(file)
+    good = sum(end <= at for end in before[1:])
+    assert [(kind, text) for kind, text, _ in found[:good]] == made[:good]
+    # A kind that became another is the only change that the checksum doesn't see.
+    assert all((text in [t for _, t in made]) for _, text, _ in found)
+
+
+@pytest.mark.parametrize("damage", [b"nonsense", b"[[1]]", b'[["a", 1, "INFO", 1, "x"]]', b"{}", b"[" * 5000])
+def test_events_that_are_none_are_refused(damage: bytes) -> None:
+    if damage == b"{}":
+        assert plain.events_of(damage) == {}
+        return
+    with pytest.raises(ValueError, match=r".*"):
+        plain.events_of(damage)
+
+
+def core(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """`srl` in a process, and in those that it starts, without the libraries that only some machines have."""
+    (folder / "sitecustomize.py").write_text(WITHOUT)
+    variables = environment(folder)
+    variables["PYTHONPATH"] = f"{folder}{os.pathsep}{variables.get('PYTHONPATH', '')}"
+    return subprocess.run(
+        [sys.executable, "-m", "srl", *arguments], cwd=folder, env=variables, capture_output=True, text=True,
+        timeout=100, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_machine_with_the_core_alone_runs_records_and_replays_a_device(tmp_path: Path) -> None:
+    """`servo-jog`'s driver in front of its twin, which is in another process with everything installed."""
+    with TwinProcess("servo-jog") as twin:
+        done = core(tmp_path, *twin.run, "--duration", "2", "--record", "run.rrd", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.strip().splitlines()[-1])
+    assert (found["recording"], found["recording_complete"]) == ("run.rrd.segments", True)
+    assert found["cycles"] > 100
+    replayed = core(tmp_path, "replay", "run.rrd.segments", "--json")
+    assert replayed.returncode == 0, replayed.stderr
+    assert json.loads(replayed.stdout)["identical"] is True
+    listed_ = core(tmp_path, "recordings", "--json")
+    assert listed_.returncode == 0, listed_.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "extra"),
+    [
+        (("run", "servo-jog", "--sim", "--duration", "1"), "sim"),
+        (("check", "kairos-man"), "models"),
+        (("show", "servo-jog", "--png", "a.png"), "view"),
+        (("keys", "keys", "robot"), "panel"),
+    ],
+)
+def test_what_is_missing_is_named_with_the_command_that_installs_it(
+    tmp_path: Path, arguments: tuple[str, ...], extra: str
+) -> None:
+    done = core(tmp_path, *arguments)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert f"pip install 'srl-runtime[{extra}]'" in done.stderr
+    assert "Traceback" not in done.stderr
