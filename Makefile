@@ -1,4 +1,4 @@
-# make setup | demo | test | slow | exhaustive | lint | docs | bench | bench-quick | soak | mutants
+# make setup | demo | test | slow | exhaustive | lint | docs | bench | bench-quick | soak | mutants | licences
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,7 @@ OUT := out
 # Where it is set, each of the tests' thousand processes would compile the whole project anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial exhaustive lint docs bench bench-quick soak mutants clean
+.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial exhaustive lint docs bench bench-quick soak mutants licences clean
 MUTANTS := approach braking position velocity torque sent samples following verified base loop units
 
 setup: $(VENV)/.ready
@@ -66,6 +66,10 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The licence of all that a user installs, with the extras; an error if one is the GPL or of its kind.
+licences: setup
+	$(BIN)/python -m bench.licences
 
 # The pages as a site. A warning is an error: a dead link, a docstring that can't be read. Nothing is fetched.
 docs: setup
