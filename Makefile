@@ -34,7 +34,9 @@ SLOW = $(sort $(shell grep -rlw --include='test_*.py' -e mark.slow tests))
 RUNS = tests/e2e/% tests/studies/%
 EXHAUSTIVE = $(shell grep -rlwE --include='test_*.py' -e 'mark.(sampled|exhaustive)' tests)
 
-test: test-parallel test-serial
+# The serial part runs also where the parallel one has failed.
+test: setup
+	@$(MAKE) --no-print-directory --keep-going test-parallel test-serial
 
 test-parallel: setup
 	$(PYTEST) $(WORKERS) -m "not slow and not serial"
@@ -42,7 +44,8 @@ test-parallel: setup
 test-serial: setup
 	$(PYTEST) -m "not slow and serial" $(SERIAL)
 
-slow: slow-parallel slow-serial
+slow: setup
+	@$(MAKE) --no-print-directory --keep-going slow-parallel slow-serial
 
 # Files with whole runs first: a worker that began one last would be waited for.
 slow-parallel: setup

@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -317,6 +318,23 @@ def test_a_run_lives_within_the_units_syscall_rules(tmp_path: Path) -> None:
     assert "refused 4" in done.stdout  # the rules were there
     assert '"restarts": {"bus": 0, "recorder": 0}' in done.stdout
     assert (tmp_path / "x.rrd").exists()
+
+
+# The container
+
+
+def test_the_container_is_well_formed_and_starts_the_command() -> None:
+    hadolint = shutil.which("hadolint", path=str(Path(sys.executable).parent))
+    if hadolint is None:
+        pytest.skip("no hadolint")
+    file = ROOT / "deploy" / "Containerfile"
+    done = subprocess.run([hadolint, str(file)], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (0, "")
+    text = file.read_text()
+    assert 'ENTRYPOINT ["srl"]' in text
+    wheel = re.search(r'pip install --no-cache-dir "\$\(ls (/wheels/\S+)\)', text)
+    assert wheel is not None
+    assert fnmatch("/wheels/srl_runtime-0.1.0-cp311-abi3-linux_x86_64.whl", wheel[1])
 
 
 # udev
