@@ -55,7 +55,7 @@ class Recording:
         return self.int(f"{device}.link") & LINK_CONNECTED > 0
 
     def value(self, name: str) -> NDArray[np.float64]:
-        """The signal `name` of every row, (k, *shape)."""
+        """The signal `name` of every row, (k, ...): a signal of shape (3,) gives (k, 3)."""
         return self.layout.value(self.rows, name)
 
 
