@@ -116,7 +116,7 @@ def _add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
 
     for name, path in others.commands().items():
         if name in COMMANDS:
-            raise HostError(f"entry points {others.GROUP}: {name}", "srl has such a command", "Give it another name")
+            continue  # srl's own counts
         try:
             module = others.module(name, path)
         except HostError as error:

@@ -109,14 +109,14 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
     if args.rrd is not None:
         from srl.runtime.recorder.converted import convert
 
-        rows = convert(args.recording, args.rrd)
+        rows, left_out = convert(args.recording, args.rrd)
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
     figures: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
     said = _data(recording, args, figures)
     if args.rrd is not None:
         figures["rrd"] = str(args.rrd)
-        said.append(f"{args.rrd}: {rows} rows")
+        said += [f"{args.rrd}: {rows} rows", *(f"not whole: {line}" for line in left_out)]
     if args.bvh is not None:
         frames, law, period = _bvh(recording, args)
         figures |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}

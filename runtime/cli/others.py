@@ -9,38 +9,38 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import ModuleType
 
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import HostError
 
 GROUP = "srl.commands"
 
 
 def commands() -> dict[str, str]:
-    """The module of each command, by its name.
-
-    Raises:
-        HostError: two packages claim one name.
-    """
+    """The module of each command, by its name; of one that two packages claim both, with a comma between."""
     found: dict[str, str] = {}
     for text in dict.fromkeys(_lists()):
         if f"[{GROUP}]" in text:
             for name, module in _entries(text):
-                if found.setdefault(name, module) != module:
-                    problem = f"'{name}' is claimed twice, by {module} and {found[name]}"
-                    raise HostError(f"entry points {GROUP}", problem, "Uninstall one of the packages")
+                if module not in found.setdefault(name, module).split(", "):
+                    found[name] += f", {module}"
     return found
 
 
 def module(name: str, path: str) -> ModuleType:
-    """The module of a command. Raises HostError: it can't be imported, or isn't one."""
+    """The module of a command. Raises HostError: it can't be imported, or isn't one, or two packages claim it."""
+    if ", " in path:
+        problem = f"'{name}' is claimed twice, by {path.replace(', ', ' and ')}"
+        raise HostError(f"entry points {GROUP}", problem, "Uninstall one of the packages")
     try:
         found = importlib.import_module(path)
-    except ImportError as error:
-        problem = f"command '{name}' ({path}) can't be imported: {error}"
-        raise HostError(f"srl {name}", problem, "Install what is missing into the runtime's environment") from error
-    if name not in getattr(found, "COMMANDS", ()) or not hasattr(found, "add_parser"):
+    except Exception as error:  # a package of somebody else mustn't keep the others from their work
+        problem = f"command '{name}' ({path}) can't be imported: {type(error).__name__}: {error}"
+        raise HostError(f"srl {name}", problem, extras.of_import(error)) from error
+    texts = getattr(found, "COMMANDS", None)
+    if not isinstance(texts, Mapping) or name not in texts or not hasattr(found, "add_parser"):
         problem = f"{path} has no COMMANDS with '{name}', or no add_parser"
         raise HostError(f"srl {name}", problem, "docs/extending.md says what a command's module has")
     return found

@@ -127,7 +127,10 @@ def _open(chosen: Sequence[Entry]) -> int:
         if (entry.path / "rows.ring").exists():
             print(f"  srl export {entry.path} --parquet FILE.parquet    (a black box: rerun can't open it)")
         else:
-            print(f"  rerun --bind 127.0.0.1 {files}")
+            if entry.path.is_dir() and any(entry.path.glob("*.rows")):
+                print(f"  srl export {entry.path} --rrd FILE.rrd    (made without rerun: it opens FILE.rrd)")
+            else:
+                print(f"  rerun --bind 127.0.0.1 {files}")
             print(f"  srl replay {entry.path}")
         print(f'  python: srl.recordings.read(Path("{entry.path}"))')
     return 0

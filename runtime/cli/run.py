@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import shutil
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from srl.runtime.cli import add_command, wearer
 from srl.runtime.cli.check import check_certificates, check_guards
 from srl.runtime.cli.console import Console
 from srl.runtime.cli.status import Status
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.files import encoded
 from srl.runtime.ipc import latches
@@ -25,6 +28,7 @@ from srl.runtime.ipc.words import Cause
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.source import Source
+from srl.runtime.recording.segments import folder_of
 from srl.runtime.service import arming
 from srl.runtime.service.end_signals import EndSignals
 from srl.runtime.service.helpers import helpers
@@ -95,6 +99,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
         if args.figure is not None and record is None:
             record = where.path / "figure.rrd"
             record.unlink(missing_ok=True)
+            shutil.rmtree(folder_of(record), ignore_errors=True)
         launch = Launch(
             source.label, source.text, list(source.overrides), str(source.files.folder), encoded(source.files.kept),
             args.sim, args.fast, cycles, automatic, [] if standing is None else latches.names(standing.latches),
@@ -106,12 +111,12 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
         result = _supervise(supervisor, standing, args, advice, status)
         if supervisor.error is not None:
             raise supervisor.error
-        if args.figure is not None and record is not None:
-            status.wait(f"{args.figure} is drawn")
-            _draw(record, args.figure)
-            status.clear()
         code = _report(supervisor, result, args, status)
         well = code == 0
+        if args.figure is not None and record is not None:
+            status.wait(f"{args.figure} is drawn")
+            _draw(_recording(record), args.figure)
+            status.clear()
     finally:
         if standing is not None:
             ran = standing.began or (supervisor is not None and supervisor.death is not None)
@@ -230,6 +235,13 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
         from srl.runtime.recording.segments import check_target
 
         check_target(args.record)
+    for option, asked, needed in (
+        ("--figure", args.figure is not None, ("matplotlib",)),
+        ("--view", args.view, ("aiohttp", "rerun")),
+    ):
+        for name in needed if asked else ():
+            if find_spec(name) is None:  # else it would fail beside the limb, or after the run
+                raise RequestError(option, f"this needs {name}, which isn't installed here", extras.remedy(name))
     if args.figure is not None and not args.figure.absolute().parent.is_dir():
         raise RequestError("--figure", f"there is no folder {args.figure.parent}", "Make it first")
     if args.figure is not None and args.figure.suffix.lower() not in PICTURES:  # else it would fail after the run
@@ -282,9 +294,7 @@ def _check_owners(person: str | None, source: Source, graph: Graph) -> None:
 
 def _recording(record: Path) -> Path:
     """Where the recording is: without rerun, or where it couldn't be finished, in its segments."""
-    from srl.runtime.recording.segments import folder_of
-
-    return record if record.exists() or not folder_of(record).exists() else folder_of(record)
+    return folder_of(record) if folder_of(record).exists() else record
 
 
 def _draw(record: Path, figure: Path) -> None:

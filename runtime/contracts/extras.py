@@ -31,6 +31,23 @@ ALONE: Final = {"ruckig": "ruckig"}
 """Libraries that come with the package where they have a wheel, and can be built elsewhere."""
 
 
+OLD: Final = ("runtime", "drivers", "sim", "studies", "profiles")
+"""Packages that had these names until everything was imported from `srl`."""
+
+
+def of_import(error: Exception) -> str:
+    """What helps where a part or a command can't be imported."""
+    missing = str(getattr(error, "name", None) or "") if isinstance(error, ImportError) else ""
+    top = missing.partition(".")[0]
+    if top in OLD:
+        return f"It was written for an earlier {PACKAGE}: import 'srl.{missing}', or what 'srl' itself offers"
+    if top == "srl":
+        return f"It expects another version of {PACKAGE}. CHANGELOG.md says where modules went"
+    if not isinstance(error, ImportError):
+        return "Mend that package, or uninstall it"
+    return remedy(missing) or "Install what is missing into the runtime's environment"
+
+
 def remedy(module: str) -> str:
     """What to type so that a module can be imported; "" if it is none of ours."""
     top = module.partition(".")[0]

@@ -9,14 +9,11 @@ import sys
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final
+from typing import Any
 
 from srl.runtime.contracts import extras
 from srl.runtime.contracts.declared import declared
 from srl.runtime.contracts.errors import HostError, ProfileError, nearest
-
-OLD: Final = ("runtime", "drivers", "sim", "studies", "profiles")
-"""Packages that had these names until everything was imported from `srl`."""
 
 
 def names(group: str) -> list[str]:
@@ -42,14 +39,9 @@ def load(group: str, name: str, place: str) -> Any:
     try:
         return point.load()
     except (ImportError, AttributeError) as error:
-        missing = str(getattr(error, "name", None) or "")
-        if missing.partition(".")[0] in OLD:
-            remedy = f"It was written for an earlier srl-runtime: import 'srl.{missing}', or what 'srl' itself offers"
-        elif missing.partition(".")[0] == "srl":
-            remedy = "It expects another version of srl-runtime. CHANGELOG.md says where modules went"
-        else:
-            remedy = extras.remedy(missing) or "Install what is missing into the runtime's environment"
-        raise HostError(place, f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}", remedy) from error
+        raise HostError(
+            place, f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}", extras.of_import(error)
+        ) from error
 
 
 def describe(group: str, name: str, attributes: Sequence[str]) -> dict[str, Any]:

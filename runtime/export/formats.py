@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 from srl.runtime.contracts.errors import RequestError
-from srl.runtime.export import bids_motion, c3d_file, mcap_file, parquet_file
 from srl.runtime.export.report import Report
 from srl.runtime.recording.reader import Recording
 from srl.runtime.recording.summary import persons
@@ -33,11 +32,19 @@ def write(
         HostError: the format's package isn't installed.
     """
     if form == "parquet":
+        from srl.runtime.export import parquet_file
+
         return parquet_file.write(recording, target)
     if form == "mcap":
+        from srl.runtime.export import mcap_file
+
         return mcap_file.write(recording, target)
     if form == "c3d":
+        from srl.runtime.export import c3d_file
+
         return c3d_file.write(recording, target, rate)
+    from srl.runtime.export import bids_motion
+
     known = persons(recording.layout)
     if person is None and len(known) != 1:
         problem = "the recording doesn't say whose it is" if not known else f"it is of {', '.join(known)}"

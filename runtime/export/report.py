@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import HostError, RecordingError
 
 
@@ -32,7 +33,7 @@ def needed(name: str, extra: str, option: str) -> ModuleType:
     try:
         return import_module(name)
     except ImportError:
-        remedy = f"Install it: pip install 'srl-runtime[{extra}]'"
+        remedy = extras.remedy(name) or f"Install it: pip install 'srl-runtime[{extra}]'"
         raise HostError(option, f"this needs the package '{name.partition('.')[0]}'", remedy) from None
 
 

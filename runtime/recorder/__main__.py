@@ -15,8 +15,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import SrlError
-from srl.runtime.ipc.child import Ending
+from srl.runtime.ipc.child import FINAL, Ending
 
 if TYPE_CHECKING:
     from srl.runtime.recorder.base import BaseRecorder
@@ -36,6 +37,9 @@ def main() -> int:
     except SrlError as error:
         print(f"recorder: {error}", file=sys.stderr)
         return 2
+    except ModuleNotFoundError as error:  # what began this recording had more installed
+        print(f"recorder: {error.name} isn't installed here. {extras.remedy(error.name or '')}", file=sys.stderr)
+        return FINAL
 
 
 def _recorder() -> type[BaseRecorder]:

@@ -1,4 +1,4 @@
-"""A `.rrd` of a recording that has none: of segments, above all those of a machine without rerun."""
+"""A `.rrd` of a recording that is in segments, above all of one made on a machine without rerun."""
 
 from __future__ import annotations
 
@@ -10,37 +10,77 @@ import numpy as np
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.recorder.stream import Stream
 from srl.runtime.recording.framing import HEADER, strip
-from srl.runtime.recording.reader import read
+from srl.runtime.recording.plain import ENDING, ended
+from srl.runtime.recording.segments import claim, folder_of, listed
+from srl.runtime.recording.source import Source, gaps
 
 
-def convert(path: Path, target: Path) -> int:
-    """Writes the `.rrd` and reads it back. Returns its number of rows; the given recording stays as it is.
+def convert(path: Path, target: Path) -> tuple[int, list[str]]:
+    """Writes the `.rrd` of a folder of segments and reads it back. The segments stay as they are.
 
+    Returns:
+        The number of its rows, and what of the recording isn't in it, a line each.
     Raises:
-        RecordingError: it can't be read whole; there is something at the target; what was written isn't the same.
+        RecordingError: it is no such folder, or is still written; there is something at the target; what was written
+            isn't what was read.
     """
+    if not path.is_dir() or not listed(path):
+        raise RecordingError(str(path), "it is no folder of segments", "Give FILE.rrd.segments")
     if target.exists():
         raise RecordingError(str(target), "there is something of this name", "Choose another name")
-    recording = read(path)
-    stream = Stream(recording.text)
-    binary = stream.recording.binary_stream()
-    stream.prologue(recording.rows[0])
-    head = binary.read()
-    unfinished = target.with_name(f"{target.name}.part")
+    if target.absolute().parent == path.absolute():
+        raise RecordingError(str(target), "it would be among the segments", "Choose another folder")
+    claimed = claim(path)
     try:
-        with unfinished.open("wb") as file:
+        return _convert(Source(listed(path)), target)
+    finally:
+        os.close(claimed)
+
+
+def _convert(source: Source, target: Path) -> tuple[int, list[str]]:
+    blocks = list(source.blocks())
+    if source.layout is None or not blocks:
+        raise RecordingError(str(source.files[0]), "no row of it can be read", "There is nothing to convert")
+    sequence, rows = (np.concatenate([block[i] for block in blocks]) for i in (0, 1))
+    events = dict(sorted(source.events.items()))
+    stream = Stream(source.text)
+    binary = stream.recording.binary_stream()
+    stream.prologue(rows[0])
+    head = binary.read()
+    unfinished = folder_of(target).with_name(f".{target.name}.part")
+    try:
+        with unfinished.open("xb") as file:
             file.write(head[:HEADER] + strip(head))
-            stream.rows(recording.sequence, recording.rows)
-            stream.events(range(1, len(recording.events) + 1), recording.events)
+            stream.rows(sequence, rows)
+            stream.events(list(events), list(events.values()))
             file.write(strip(binary.read()))
             file.flush()
             os.fsync(file.fileno())
-        copy = read(unfinished)
-        if not np.array_equal(copy.rows, recording.rows) or copy.events != recording.events:
+        copy = Source([unfinished])
+        found = list(copy.blocks())
+        same = [np.concatenate([block[i] for block in found]) for i in (0, 1)]
+        if not np.array_equal(same[0], sequence) or not np.array_equal(same[1], rows) or copy.events != events:
             raise RecordingError(str(target), "what was written isn't what was read", "Keep the segments; report this")
         unfinished.rename(target)
+    except FileExistsError:
+        raise RecordingError(str(unfinished), "it is there already", "Remove it, if nothing writes it") from None
     except OSError as error:
-        raise RecordingError(str(target), f"it can't be written: {error.strerror}", "Choose another place") from None
-    finally:
         unfinished.unlink(missing_ok=True)
-    return len(recording.rows)
+        raise RecordingError(str(target), f"it can't be written: {error.strerror}", "Choose another place") from None
+    except RecordingError:
+        unfinished.unlink(missing_ok=True)
+        raise
+    return len(rows), _left_out(source, int(sequence[-1]), sum(b - a + 1 for a, b in gaps(sequence)))
+
+
+def _left_out(source: Source, last: int, missing: int) -> list[str]:
+    said = []
+    if source.cut or source.damaged:
+        said.append(f"{source.cut} bytes of the segments are damaged, and {source.damaged} blocks of rows")
+    if missing:
+        said.append(f"{missing} rows are missing")
+    if source.last is not None and source.last > last:
+        said.append(f"its last {source.last - last} rows are missing")
+    if source.files[-1].suffix == ENDING and not ended(source.files):
+        said.append("its recorder didn't finish it: more rows may have been made")
+    return said

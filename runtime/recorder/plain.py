@@ -10,7 +10,7 @@ from srl.runtime.recorder.base import INCOMPLETE, BaseRecorder
 from srl.runtime.recorder.tail import Batch
 from srl.runtime.recording import plain
 from srl.runtime.recording.blocks import MOST, kin, pack
-from srl.runtime.recording.plain import ENDING, START, Kind, events_record, record
+from srl.runtime.recording.plain import ENDING, START, Kind, end_record, events_record, record
 from srl.runtime.recording.segments import Segments, listed
 from srl.runtime.recording.source import Source
 
@@ -22,7 +22,7 @@ class PlainRecorder(BaseRecorder):
         """Records until the run ends. Returns the exit code."""
         if not self._done:
             try:
-                stored = self._record()
+                stored = self._record() and self._store(end_record(self._ring.consumed), 0)
             finally:
                 self._close()
                 os.close(self._claim)
@@ -32,8 +32,10 @@ class PlainRecorder(BaseRecorder):
         rows = sum(len(sequence) for sequence, _ in Source(listed(self._folder)).blocks())
         if not rows:
             raise RecordingError(str(self._target), "no row was recorded", "The run ended before its first cycle")
-        base.say(f"the recording is the folder {self._folder}: rerun isn't installed here (docs/install.md)")
-        return self._whole(rows)
+        code = self._whole(rows)
+        if code == base.WELL:
+            base.say(f"the recording is the folder {self._folder}: rerun isn't installed here (docs/install.md)")
+        return code
 
     def _begin(self) -> Segments:
         self._near = kin(self._layout)
@@ -57,6 +59,6 @@ class PlainRecorder(BaseRecorder):
             return False
         files = listed(self._folder)
         try:
-            return bool(files) and plain.is_plain(files[0], files[0]) and Source(files).head() == self._tail.text
+            return plain.ended(files) and Source(files).head() == self._tail.text
         except RecordingError:
             return False

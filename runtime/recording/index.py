@@ -19,10 +19,10 @@ from typing import Final
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.recording.segments import listed
-from srl.runtime.recording.summary import Summary, summarize
+from srl.runtime.recording.summary import NOT_HERE, Summary, summarize
 
 NAME: Final = ".srl-recordings.sqlite"
-VERSION: Final = 2  # of the table and of what a summary says
+VERSION: Final = 3  # of the table and of what a summary says
 # of what `srl run --figure`, `srl export` and `srl recordings --export` make
 MADE_OF: Final = (
     *(".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps", ".gif"),
@@ -80,7 +80,8 @@ def entries(folder: Path, rebuild: bool = False, report: Callable[[str], None] =
             summary = index.get(name, stamp)
             if summary is None:
                 summary = summarize(path)
-                index.put(name, stamp, summary)
+                if not summary.problem.startswith(NOT_HERE):
+                    index.put(name, stamp, summary)
             made.append(Entry(path, name, size, summary, stamp))
         index.keep([entry.name for entry in made])
     return sorted(made, key=lambda e: (e.summary.began, e.name))

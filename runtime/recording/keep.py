@@ -20,8 +20,9 @@ from typing import Any, Final
 
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.ipc.layout import Layout
+from srl.runtime.recording import plain
 from srl.runtime.recording.index import Entry, delete, made_of, stamped
-from srl.runtime.recording.segments import ENDING
+from srl.runtime.recording.segments import ENDING, listed
 from srl.runtime.recording.source import Source
 from srl.runtime.recording.summary import Summary, persons
 
@@ -166,7 +167,8 @@ def _files(folder: Path) -> list[_File]:
                 size = stamped(Path(item.path))[1]
             except FileNotFoundError:
                 continue  # merged meanwhile
-            found.append(_File(Path(item.path), size, item.stat().st_mtime, "it isn't finished"))
+            whole = plain.ended(listed(Path(item.path)))
+            found.append(_File(Path(item.path), size, item.stat().st_mtime, "" if whole else "it isn't finished"))
         elif item.is_file(follow_symlinks=False) and item.name.endswith(".rrd"):
             state = item.stat()
             kept = "" if state.st_mode & stat.S_IWUSR else "it is write-protected"
@@ -177,7 +179,8 @@ def _files(folder: Path) -> list[_File]:
 def _spared(path: Path, mine: Collection[str]) -> bool:
     """Whether a recording isn't known to be one of these persons', or nobody's."""
     try:
-        return not set(persons(Layout.from_json(Source([path]).head()))) <= set(mine)
+        files = listed(path) if path.is_dir() else [path]
+        return not set(persons(Layout.from_json(Source(files).head()))) <= set(mine)
     except Exception:  # whatever a damaged file makes a library do: nobody knows whose it is
         return True
 

@@ -104,7 +104,11 @@ def _files(path: Path, files: list[Path]) -> Recording:
     sequence = np.concatenate([s for s, _ in blocks]) if blocks else np.empty(0, np.int64)
     rows = np.concatenate([r for _, r in blocks]) if blocks else np.empty((0, source.layout.width), np.int64)
     events = [event for _, event in sorted(source.events.items(), key=lambda item: item[0])]
-    return Recording(path, source.layout, sequence, rows, gaps(sequence), events, source.cut, source.text)
+    missing = gaps(sequence)
+    there = int(sequence[-1]) if len(sequence) else 0
+    if source.last is not None and source.last > there:
+        missing.append((there + 1, source.last))
+    return Recording(path, source.layout, sequence, rows, missing, events, source.cut, source.text)
 
 
 def _black_box(path: Path) -> Recording:

@@ -57,6 +57,7 @@ class Source:
         events: the events read so far, by sequence number.
         cut: number of bytes that are torn or spoilt in the files read so far.
         damaged: blocks of rows that didn't prove themselves; their rows are left out.
+        last: the number of the last row, where a recording in the plain form says that it is whole; else None.
     """
 
     def __init__(self, files: Sequence[Path]) -> None:
@@ -65,6 +66,7 @@ class Source:
         self.layout: Layout | None = None
         self.events: dict[int, Event] = {}
         self.cut = self.damaged = 0
+        self.last: int | None = None
         self._assembler: Assembler | None = None  # of format 1
         self._rows: list[tuple[Words, Words]] = []
 
@@ -86,8 +88,7 @@ class Source:
     def head(self) -> str:
         """The layout's JSON of the first file, without reading its rows; "" if the file ends before it."""
         if plain.is_plain(self.files[0], self.files[0]):
-            first = next(plain.records(self.files[0], self.files[0]), None)
-            return first[1].decode() if first is not None and first[0] is plain.Kind.LAYOUT else ""
+            return plain.layout_of(self.files)
         for path, batch in self._chunks(self.files[0], self.files[0]):
             self._take(self.files[0], path, batch)
             if self.text:
@@ -108,13 +109,17 @@ class Source:
     def _plain(self, file: Path, held: Path) -> Iterator[tuple[Words, Words]]:
         """Yields the rows of a file in the plain form."""
         good = len(plain.START)
-        for kind, data, end in plain.records(held, file):
-            good = end
+        if self.layout is None and (text := plain.layout_of(self.files)):
+            self._know(file, text)
+        for kind, data in plain.records(held, file):
+            good += plain.size_of(data)
             try:
                 if kind is plain.Kind.LAYOUT:
                     self._know(file, data.decode())
                 elif kind is plain.Kind.EVENTS:
                     self.events |= plain.events_of(data)
+                elif kind is plain.Kind.END:
+                    self.last = plain.last_of(data)
                 else:
                     self._add(data)
             except ValueError:

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml.error import YAMLError
 
-from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts import extras, yaml_text
 from srl.runtime.contracts.errors import RecordingError, SrlError
 from srl.runtime.contracts.file_says import file_says
 from srl.runtime.contracts.files import decoded
@@ -31,6 +31,9 @@ _UNFINISHED: Final = (
     "If no run writes it any more, read it as it is: replay and export take it. "
     "Rows after these are in the black box that the instance's next start saves"
 )
+_SALVAGED: Final = "What is there can be read and exported, but it isn't whole"
+NOT_HERE: Final = "it can't be read here"
+"""How a problem begins that is this machine's, and not the recording's."""
 _REMEDY: Final = "Take a copy of it that is whole; if there is none, no more of it can be read"
 
 
@@ -95,6 +98,8 @@ def summarize(path: Path) -> Summary:
         return Summary(problem=error.problem, remedy=error.remedy)
     except OSError as error:
         return Summary(problem=f"it can't be read: {error.strerror or error}", remedy="Correct its permissions")
+    except ModuleNotFoundError as error:
+        return Summary(problem=_not_here(error), remedy=extras.remedy(error.name or "") or _REMEDY)
     except Exception as error:  # whatever a damaged file makes a library do, the others are still listed
         return Summary(problem=f"it is damaged: {type(error).__name__}: {_line(error)}", remedy=_REMEDY)
 
@@ -138,6 +143,8 @@ def _summary(path: Path) -> Summary:
             found.add(sequence, rows)
     except SrlError as error:
         problem, remedy = error.problem, error.remedy
+    except ModuleNotFoundError:
+        raise
     except Exception as error:
         problem = f"it is damaged: {type(error).__name__}: {_line(error)}"
     if found is None:
@@ -154,12 +161,13 @@ def _summary(path: Path) -> Summary:
         return found.summary(f"{problem}; its first {found.rows} rows can be read", remedy)
     if segments:
         whole = path.with_name(path.name.removesuffix(".segments"))
-        merged = folder_of(whole) == path and whole.exists()
-        problem, remedy = (
-            "segments of a recording that is there merged, too",
-            "Compare the two, then delete the segments",
-        )
-        if not merged:
+        if source.last is not None:
+            if source.cut or source.damaged or source.last > found.last:
+                problem, remedy = f"it is damaged; {found.there(source.cut)} of {source.last}", _SALVAGED
+        elif folder_of(whole) == path and whole.exists():
+            problem = "segments of a recording that is there merged, too"
+            remedy = "Compare the two, then delete the segments"
+        else:
             problem, remedy = f"its recorder hasn't finished it; {found.there(source.cut)}", _UNFINISHED
     elif source.cut:
         problem, remedy = (
@@ -167,6 +175,10 @@ def _summary(path: Path) -> Summary:
             "The rows before them can be read, replayed and exported",
         )
     return found.summary(problem, remedy)
+
+
+def _not_here(error: ModuleNotFoundError) -> str:
+    return f"{NOT_HERE}: {error.name} isn't installed"
 
 
 def _line(error: Exception) -> str:
@@ -203,6 +215,11 @@ class _Sum:
             self._stop = int(causes[at]), int(culprits[at])
         self._state = int(states[-1])
         self.rows += len(rows)
+
+    @property
+    def last(self) -> int:
+        """The number of the last row."""
+        return self._sequence
 
     def there(self, cut: int) -> str:
         """Which rows are there, and what is known to be lost; `cut` bytes are torn."""

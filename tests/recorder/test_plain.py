@@ -24,9 +24,11 @@ from srl.runtime.recorder import base
 from srl.runtime.recorder.converted import convert
 from srl.runtime.recorder.plain import PlainRecorder
 from srl.runtime.recording import plain
+from srl.runtime.recording.keep import Keep, make_room
 from srl.runtime.recording.plain import START, Kind, record, records
 from srl.runtime.recording.reader import read
-from srl.runtime.recording.segments import folder_of, listed
+from srl.runtime.recording.segments import claim, folder_of, listed
+from srl.runtime.recording.summary import summarize
 
 AT_ONCE = 1e9  # rows/s
 HEAVY = ("rerun", "pyarrow", "matplotlib", "mujoco", "pinocchio", "scipy", "eigenpy", "daqp", "aiohttp", "PIL",
@@ -86,12 +88,14 @@ def test_a_file_of_another_version_is_refused(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from(list(Kind)), st.binary(max_size=40)), max_size=6), st.data())
-def test_any_damage_costs_the_records_behind_it_at_most(made: list[tuple[Kind, bytes]], data: st.DataObject) -> None:
+def test_damage_costs_the_record_in_which_it_is_and_no_other(
+    made: list[tuple[Kind, bytes]], data: st.DataObject
+) -> None:
     content = bytearray(START + b"".join(record(kind, text) for kind, text in made))
     at = data.draw(st.integers(len(START), max(len(content) - 1, len(START))))
-    before = [len(START)]
+    ends = [len(START)]
     for kind, text in made:
-        before.append(before[-1] + len(record(kind, text)))
+        ends.append(ends[-1] + len(record(kind, text)))
     if at < len(content):
         content[at] ^= 1 << data.draw(st.integers(0, 7))
     file = os.memfd_create("test")
@@ -101,10 +105,79 @@ def test_any_damage_costs_the_records_behind_it_at_most(made: list[tuple[Kind, b
         found = list(records(path, path))
     finally:
         os.close(file)
-    good = sum(end <= at for end in before[1:])
-    assert [(kind, text) for kind, text, _ in found[:good]] == made[:good]
-    # A kind that became another is the only change that the checksum doesn't see.
-    assert all((text in [t for _, t in made]) for _, text, _ in found)
+    hurt = next((i for i, end in enumerate(ends[1:]) if at < end), len(made))
+    assert found[:hurt] == made[:hurt]
+    behind = made[hurt + 1 :]
+    assert found[len(found) - len(behind) :] == behind
+
+
+def damaged(folder: Path, place: int) -> None:
+    file = listed(folder)[0]
+    content = bytearray(file.read_bytes())
+    content[place] ^= 1
+    file.write_bytes(content)
+
+
+def recorded(folder: Path, count: int = 9000) -> Path:
+    """A finished recording of so many rows in the plain form."""
+    layout = make_layout(extra=4)
+    run, ring, events = make_run(folder / "run", layout, capacity=16384)  # so they come in several batches
+    write_run(run, ring, events, layout, count, AT_ONCE)
+    ring.finish()
+    assert PlainRecorder(run, folder / "out.rrd").run() == base.WELL
+    return folder_of(folder / "out.rrd")
+
+
+def test_a_whole_one_is_told_from_one_that_isn_t(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = recorded(tmp_path)
+    assert summarize(folder).problem == ""
+    assert plain.ended(listed(folder))
+    last = listed(folder)[-1]
+    content = last.read_bytes()
+    last.write_bytes(content[: -len(plain.end_record(0))])  # at a record's edge
+    assert "hasn't finished" in summarize(folder).problem
+    main(["export", str(folder), "--rrd", str(tmp_path / "cut.rrd")])
+    assert "not whole: its recorder didn't finish it" in capsys.readouterr().out
+    last.write_bytes(content)
+    damaged(folder, len(listed(folder)[0].read_bytes()) // 2)
+    assert "damaged" in summarize(folder).problem
+    main(["export", str(folder), "--parquet", str(tmp_path / "hurt.parquet")])
+    main(["export", str(folder), "--rrd", str(tmp_path / "hurt.rrd")])
+    assert "not whole: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("place", [0, 3, 9, 40])
+def test_the_head_of_a_file_and_its_layout_may_be_lost(tmp_path: Path, place: int) -> None:
+    folder = recorded(tmp_path)
+    (folder / "000009.rows").write_bytes(listed(folder)[0].read_bytes())  # the layout is in each file
+    damaged(folder, place)
+    assert np.array_equal(read(folder).rows, expected(read(folder).layout, 9000))
+
+
+def test_what_is_still_written_isn_t_converted(tmp_path: Path) -> None:
+    folder = recorded(tmp_path)
+    held = claim(folder)
+    try:
+        with pytest.raises(RecordingError, match="another run is being recorded there"):
+            convert(folder, tmp_path / "a.rrd")
+    finally:
+        os.close(held)
+    with pytest.raises(RecordingError, match="among the segments"):
+        convert(folder, folder / "a.rrd")
+
+
+def test_a_finished_one_is_deleted_by_retention(tmp_path: Path) -> None:
+    folder = recorded(tmp_path)
+    last = listed(folder)[-1]
+    content = last.read_bytes()
+    said: list[str] = []
+    last.write_bytes(content[:-1])
+    assert make_room(tmp_path, Keep.of({"gigabytes": 1e-9}), (), said.append) != ""
+    assert folder.exists()  # unfinished
+    last.write_bytes(content)
+    assert make_room(tmp_path, Keep.of({"gigabytes": 1e-9}), (), said.append) == ""
+    assert not folder.exists()
+    assert "was deleted" in said[-1]
 
 
 @pytest.mark.parametrize("damage", [b"nonsense", b"[[1]]", b'[["a", 1, "INFO", 1, "x"]]', b"{}", b"[" * 5000])
@@ -150,6 +223,8 @@ def test_a_machine_with_the_core_alone_runs_records_and_replays_a_device(tmp_pat
         (("run", "servo-jog", "--sim", "--duration", "1"), "sim"),
         (("check", "kairos-man"), "models"),
         (("show", "servo-jog", "--png", "a.png"), "view"),
+        (("run", "vicon-station", "--view"), "panel"),
+        (("run", "vicon-station", "--figure", "a.png"), "view"),
         (("keys", "keys", "robot"), "panel"),
     ],
 )

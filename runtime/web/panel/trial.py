@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from srl.runtime.contracts.signals import Array
@@ -109,6 +107,9 @@ class ScreenTrial:
         Raises OSError.
         """
         for name, columns, values in (("samples", SAMPLES, self.samples), ("frames", FRAMES, self.frames)):
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
             sink = pa.BufferOutputStream()
             pq.write_table(pa.table({c: values[:, i] for i, c in enumerate(columns)}), sink)
             private_file.replace(path.with_name(f"{path.name}-{name}.parquet"), sink.getvalue().to_pybytes())
