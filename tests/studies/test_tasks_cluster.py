@@ -81,7 +81,7 @@ def test_a_worker_without_the_package_is_named(tmp_path: Path) -> None:
     env = installed(tmp_path / "toy")
     bare = tmp_path / "bare"
     bare.mkdir()
-    (bare / "studies.py").write_text("raise ImportError('no such package')\n")  # hides an installed one
+    (bare / "srl.py").write_text("raise ImportError('no such package')\n")  # hides an installed one
     without = os.environ | {"PYTHONPATH": str(bare)}
     with DaskCluster(tmp_path / "dask", without) as dask:
         dask.worker()
