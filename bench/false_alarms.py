@@ -24,7 +24,7 @@ EVERY = 10  # cycles between two looks
 class Watched(Bench):
     """A bench that looks at the monitors of the following error."""
 
-    most, whose, moving, looked = 0.0, "", 0, 0
+    largest, command, moving, looked = 0.0, "", 0, 0
 
     def _cycle(self, kind: Any) -> None:
         super()._cycle(kind)
@@ -38,13 +38,13 @@ class Watched(Bench):
             if monitor is not None:
                 self.looked += 1
                 share = float(np.max(np.abs(monitor.errors()) / monitor.window))
-                if share > self.most:
-                    self.most, self.whose = share, actuator.name
+                if share > self.largest:
+                    self.largest, self.command = share, actuator.name
 
 
 def watch(profile: str, choices: list[str], minutes: float) -> dict[str, Any]:
     """What a profile did in so many minutes of motion."""
-    moving, most, whose, ends = 0.0, 0.0, "", Counter[str]()
+    moving, largest, command, ends = 0.0, 0.0, "", Counter[str]()
     for seed in range(1, 1 + round(3 * minutes + 3)):
         if moving >= 60.0 * minutes:
             break
@@ -56,13 +56,13 @@ def watch(profile: str, choices: list[str], minutes: float) -> dict[str, Any]:
             moving += bench.moving * bench.dt
             if not bench.looked:
                 return {"profile": profile, "choices": choices, "monitored": False}
-            if bench.most > most:
-                most, whose = bench.most, bench.whose
+            if bench.largest > largest:
+                largest, command = bench.largest, bench.command
             if bench.state != "active":
                 ends[bench.cause] += 1
     return {
-        "profile": profile, "choices": choices, "moving_s": round(moving, 1), "largest_share": round(most, 3),
-        "whose": whose, "ends": dict(ends),
+        "profile": profile, "choices": choices, "moving_s": round(moving, 1), "largest_share": round(largest, 3),
+        "command": command, "ends": dict(ends),
     }  # fmt: skip
 
 
@@ -73,7 +73,7 @@ def main() -> int:
     given = parser.parse_args()
     false = 0
     for name, choices in variants():
-        if (given.profiles and name not in given.profiles) or (choices and name not in given.profiles):
+        if given.profiles and name not in given.profiles:
             continue
         found = watch(name, list(choices), given.minutes)
         false += found.get("ends", {}).get("following_error", 0)

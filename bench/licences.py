@@ -1,7 +1,7 @@
 """The licences of what is installed with srl-runtime, without what is for development: `python -m bench.licences`.
 
-Each package says its own, in the metadata of its wheel. One that asks for a share of the product's own licence (GPL,
-AGPL) is an error, exit code 1; the LGPL of a library that is imported as it is isn't.
+Each package says its own, in the metadata of its wheel. A licence of strong copyleft (GPL, AGPL)
+is an error, exit code 1. The LGPL of a library that is imported as it is isn't one.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 DEVELOPMENT = ("dev", "docs")
-_STRONG = re.compile(r"(?<!L)(?<!Lesser )(A?GPL|(Affero )?General Public License)", re.IGNORECASE)
+_LESSER = re.compile(r"LGPL[\w.-]*|Lesser General Public License[^,;]*", re.IGNORECASE)
+_GPL = re.compile(r"GPL|General Public License", re.IGNORECASE)
 
 
 def needed(name: str, extras: tuple[str, ...], seen: set[str]) -> Iterator[Distribution]:
@@ -38,18 +39,18 @@ def needed(name: str, extras: tuple[str, ...], seen: set[str]) -> Iterator[Distr
 
 def licence(package: Distribution) -> str:
     """What a package says of its licence, in a line."""
-    said = _told(package, "License-Expression")
+    said = _metadata(package, "License-Expression")
     if not said:
         classified = [
             c.rpartition(" :: ")[2] for c in package.metadata.get_all("Classifier") or () if c.startswith("License ::")
         ]
         said = ", ".join(c for c in classified if c != "OSI Approved")
     if not said:
-        said = _told(package, "License")
+        said = _metadata(package, "License")
     return said or "not said"
 
 
-def _told(package: Distribution, key: str) -> str:
+def _metadata(package: Distribution, key: str) -> str:
     return next(iter(package.metadata.get_all(key) or ()), "").strip().partition("\n")[0]
 
 
@@ -61,22 +62,21 @@ def licences(of_development: bool = False) -> dict[str, str]:
     return dict(sorted(packages.items(), key=lambda item: item[0].lower()))
 
 
-def strong(found: dict[str, str]) -> list[str]:
-    """Packages whose licence would extend to what is shipped with them."""
-    return [
-        name for name, said in found.items() if _STRONG.search(said) and "LGPL" not in said and "Lesser" not in said
-    ]
+def strong_copyleft(found: dict[str, str]) -> list[str]:
+    """Packages whose licence would extend to what is shipped with them: the GPL and the AGPL, not the LGPL."""
+    return [name for name, said in found.items() if _GPL.search(_LESSER.sub("", said))]
 
 
 def main() -> int:
     found = licences()
     for name, said in found.items():
         print(f"{name:28} {said}")
-    wrong = strong(found)
+    wrong = strong_copyleft(found)
     if wrong:
         print(f"licences of the GPL's kind, which only development may need: {', '.join(wrong)}", file=sys.stderr)
-    only = {name: said for name, said in licences(of_development=True).items() if name not in found}
-    print(f"\nfor development alone: {', '.join(f'{n} ({only[n]})' for n in strong(only)) or 'none of the GPL kind'}")
+    everything = licences(of_development=True)
+    only = [name for name in strong_copyleft(everything) if name not in found]
+    print("\nof development alone:", ", ".join(f"{name} ({everything[name]})" for name in only) or "none")
     return 1 if wrong else 0
 
 

@@ -65,8 +65,8 @@ def parser() -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(required=True)
     for command in dict.fromkeys(MODULES.values()):
         importlib.import_module(f"srl.runtime.cli.{command}").add_parser(subparsers)
-    for name, module in others.commands().items():
-        others.module(name, module).add_parser(subparsers, name)
+    for name, modules in others.commands().items():
+        others.load(name, modules).add_parser(subparsers, name)
     return parser
 
 

@@ -114,11 +114,11 @@ def _add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser
         return  # to look for others takes longer than to read the arguments
     from srl.runtime.cli import others
 
-    for name, path in others.commands().items():
+    for name, modules in others.commands().items():
         if name in COMMANDS:
             continue  # srl's own counts
         try:
-            module = others.module(name, path)
+            module = others.load(name, modules)
         except HostError as error:
             if name == asked:
                 raise

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import ModuleType
 
 from srl.runtime.contracts import extras
@@ -18,27 +18,27 @@ from srl.runtime.contracts.errors import HostError
 GROUP = "srl.commands"
 
 
-def commands() -> dict[str, str]:
-    """The module of each command, by its name; of one that two packages claim both, with a comma between."""
-    found: dict[str, str] = {}
+def commands() -> dict[str, list[str]]:
+    """The modules of each command, by its name: one, or more if several packages claim the name."""
+    found: dict[str, list[str]] = {}
     for text in dict.fromkeys(_lists()):
-        if f"[{GROUP}]" in text:
-            for name, module in _entries(text):
-                if module not in found.setdefault(name, module).split(", "):
-                    found[name] += f", {module}"
+        for name, module in _entries(text):
+            if module not in found.setdefault(name, []):
+                found[name].append(module)
     return found
 
 
-def module(name: str, path: str) -> ModuleType:
+def load(name: str, modules: Sequence[str]) -> ModuleType:
     """The module of a command. Raises HostError: it can't be imported, or isn't one, or two packages claim it."""
-    if ", " in path:
-        problem = f"'{name}' is claimed twice, by {path.replace(', ', ' and ')}"
-        raise HostError(f"entry points {GROUP}", problem, "Uninstall one of the packages")
+    path = modules[0]
+    if len(modules) > 1:
+        problem = f"'{name}' is claimed by {' and '.join(modules)}"
+        raise HostError(f"entry points {GROUP}", problem, "Uninstall all of these packages but one")
     try:
         found = importlib.import_module(path)
     except Exception as error:  # a package of somebody else mustn't keep the others from their work
         problem = f"command '{name}' ({path}) can't be imported: {type(error).__name__}: {error}"
-        raise HostError(f"srl {name}", problem, extras.of_import(error)) from error
+        raise HostError(f"srl {name}", problem, extras.import_remedy(error)) from error
     texts = getattr(found, "COMMANDS", None)
     if not isinstance(texts, Mapping) or name not in texts or not hasattr(found, "add_parser"):
         problem = f"{path} has no COMMANDS with '{name}', or no add_parser"

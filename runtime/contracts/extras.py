@@ -27,7 +27,7 @@ EXTRA_OF: Final = {
     "scipy": "models",
 }
 """The extra of each library that isn't in every installation, by the name under which it is imported."""
-ALONE: Final = {"ruckig": "ruckig"}
+WHERE_A_WHEEL_IS: Final = ("ruckig",)
 """Libraries that come with the package where they have a wheel, and can be built elsewhere."""
 
 
@@ -35,7 +35,7 @@ OLD: Final = ("runtime", "drivers", "sim", "studies", "profiles")
 """Packages that had these names until everything was imported from `srl`."""
 
 
-def of_import(error: Exception) -> str:
+def import_remedy(error: Exception) -> str:
     """What helps where a part or a command can't be imported."""
     missing = str(getattr(error, "name", None) or "") if isinstance(error, ImportError) else ""
     top = missing.partition(".")[0]
@@ -51,8 +51,8 @@ def of_import(error: Exception) -> str:
 def remedy(module: str) -> str:
     """What to type so that a module can be imported; "" if it is none of ours."""
     top = module.partition(".")[0]
-    if top in ALONE:
-        what = ALONE[top]
+    if top in WHERE_A_WHEEL_IS:
+        what = top
     elif top in EXTRA_OF:
         what = f"{PACKAGE}[{EXTRA_OF[top]}]"
     else:

@@ -40,7 +40,7 @@ def load(group: str, name: str, place: str) -> Any:
         return point.load()
     except (ImportError, AttributeError) as error:
         raise HostError(
-            place, f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}", extras.of_import(error)
+            place, f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}", extras.import_remedy(error)
         ) from error
 
 

@@ -40,7 +40,7 @@ def write(recording: Recording, target: Path, rate: Fraction | None = None) -> R
         RecordingError: no body's points are recorded, there are too many frames or names, or it can't be written.
         HostError: the package isn't installed.
     """
-    ezc3d = needed("ezc3d", "c3d", "--c3d")
+    ezc3d = needed("ezc3d", "--c3d")
     layout = recording.layout
     points = [f for f in layout.fields.values() if _is_points(f)]
     if not points:

@@ -47,7 +47,7 @@ def load(exposed: bool) -> ModuleType:
     Raises:
         HostError: the package isn't installed.
     """
-    lsl = needed("pylsl", "lsl", "srl lsl")
+    lsl = needed("pylsl", "srl lsl")
     lsl.set_config_content(_EXPOSED if exposed else _CONFINED)
     return lsl
 

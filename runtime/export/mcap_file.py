@@ -68,7 +68,7 @@ def write(recording: Recording, target: Path) -> Report:
         RecordingError: it can't be written.
         HostError: the package isn't installed.
     """
-    mcap = needed("mcap.writer", "mcap", "--mcap")
+    mcap = needed("mcap.writer", "--mcap")
     layout = recording.layout
     wall = int(layout.meta.get("wall", 0))
     with whole_file(target) as part, open(part, "wb") as file:

@@ -28,13 +28,12 @@ class Report:
     left_out: list[str] = field(default_factory=list)
 
 
-def needed(name: str, extra: str, option: str) -> ModuleType:
+def needed(name: str, option: str) -> ModuleType:
     """A library that comes with an extra. Raises HostError: it isn't installed."""
     try:
         return import_module(name)
     except ImportError:
-        remedy = extras.remedy(name) or f"Install it: pip install 'srl-runtime[{extra}]'"
-        raise HostError(option, f"this needs the package '{name.partition('.')[0]}'", remedy) from None
+        raise HostError(option, f"this needs the package '{name.partition('.')[0]}'", extras.remedy(name)) from None
 
 
 @contextmanager

@@ -71,21 +71,21 @@ class BaseRecorder(ABC):
         """A batch as a segment holds it."""
 
     @abstractmethod
-    def _beside(self) -> None:
+    def _between_batches(self) -> None:
         """What is done between batches."""
 
     @abstractmethod
     def _finished(self) -> bool:
         """Whether an earlier recorder of this run had finished before it was killed."""
 
-    def _whole(self, rows: int) -> int:
+    def _exit_code(self, rows: int) -> int:
         """Whether the recording holds every row that was made; the exit code."""
         if lost := self._ring.consumed - rows:  # also by a recorder before this one
             say(f"{self._target}: {rows} rows, {lost} were lost")
             return FINAL
         return WELL
 
-    def _look(self) -> None:
+    def _apply_retention(self) -> None:
         """Now and then deletes what the folder needn't keep."""
         if time.monotonic() - self._looked > LOOK:
             self._looked = time.monotonic()
@@ -123,7 +123,7 @@ class BaseRecorder(ABC):
             if self._ring.lost > self._lost:
                 say(f"{self._ring.lost - self._lost} rows were overwritten before they could be written")
                 self._lost = self._ring.lost
-            self._beside()
+            self._between_batches()
             if not batch:
                 continue
             if not self._store(self._encoded(batch), batch.rows.nbytes):

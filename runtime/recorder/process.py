@@ -37,7 +37,7 @@ class Recorder(BaseRecorder):
     def run(self) -> int:
         """Records until the run ends, then merges the rest. Returns the exit code."""
         if self._done:
-            return self._whole(sum(len(sequence) for sequence, _ in Source([self._target]).blocks()))
+            return self._exit_code(sum(len(sequence) for sequence, _ in Source([self._target]).blocks()))
         try:
             stored = self._record()
         finally:
@@ -55,7 +55,7 @@ class Recorder(BaseRecorder):
         finally:
             self._merger.close()
             os.close(self._claim)
-        return self._whole(self._merger.rows)
+        return self._exit_code(self._merger.rows)
 
     def _finished(self) -> bool:
         """Whether an earlier recorder of this run had put the recording in its place before it was killed."""
@@ -71,7 +71,7 @@ class Recorder(BaseRecorder):
             self._folder.rmdir()
         return mine
 
-    def _beside(self) -> None:
+    def _between_batches(self) -> None:
         """Has the closed segments merged beside the recording. What fails is tried again with the next segment."""
         if self._merging is not None:
             if not self._merging.done():
@@ -94,7 +94,7 @@ class Recorder(BaseRecorder):
     def _grow(self, closed: list[Path]) -> None:
         """Merges segments."""
         self._merger.merge(closed)
-        self._look()
+        self._apply_retention()
 
     def _encoded(self, batch: Batch) -> bytes:
         self._stream.pack(batch.sequence, batch.rows, quick=True)

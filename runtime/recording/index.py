@@ -16,10 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.recording.segments import listed
-from srl.runtime.recording.summary import NOT_HERE, Summary, summarize
+from srl.runtime.recording.summary import Summary, summarize
 
 NAME: Final = ".srl-recordings.sqlite"
 VERSION: Final = 3  # of the table and of what a summary says
@@ -79,8 +80,12 @@ def entries(folder: Path, rebuild: bool = False, report: Callable[[str], None] =
             stamp, size = stamped(path)
             summary = index.get(name, stamp)
             if summary is None:
-                summary = summarize(path)
-                if not summary.problem.startswith(NOT_HERE):
+                try:
+                    summary = summarize(path)
+                except ModuleNotFoundError as error:  # this machine's lack isn't kept for others
+                    problem = f"it can't be read here: {error.name} isn't installed"
+                    summary = Summary(problem=problem, remedy=extras.remedy(error.name or ""))
+                else:
                     index.put(name, stamp, summary)
             made.append(Entry(path, name, size, summary, stamp))
         index.keep([entry.name for entry in made])

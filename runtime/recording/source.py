@@ -122,6 +122,7 @@ class Source:
                     self.last = plain.last_of(data)
                 else:
                     self._add(data)
+                    self.last = None  # an end before them was that of a recorder that was started again
             except ValueError:
                 self.damaged += 1
             yield from self._made(0)

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml.error import YAMLError
 
-from srl.runtime.contracts import extras, yaml_text
+from srl.runtime.contracts import yaml_text
 from srl.runtime.contracts.errors import RecordingError, SrlError
 from srl.runtime.contracts.file_says import file_says
 from srl.runtime.contracts.files import decoded
@@ -32,8 +32,6 @@ _UNFINISHED: Final = (
     "Rows after these are in the black box that the instance's next start saves"
 )
 _SALVAGED: Final = "What is there can be read and exported, but it isn't whole"
-NOT_HERE: Final = "it can't be read here"
-"""How a problem begins that is this machine's, and not the recording's."""
 _REMEDY: Final = "Take a copy of it that is whole; if there is none, no more of it can be read"
 
 
@@ -86,7 +84,11 @@ class Summary:
 
 
 def summarize(path: Path) -> Summary:
-    """Sums a recording up: a .rrd file, a folder of segments, or a black box. What can't be read is a problem of it."""
+    """Sums a recording up: a .rrd file, a folder of segments, or a black box. What can't be read is a problem of it.
+
+    Raises:
+        ModuleNotFoundError: this machine hasn't the library that reads it.
+    """
     try:
         if (path / "rows.ring").exists():
             recording = read(path)
@@ -98,8 +100,8 @@ def summarize(path: Path) -> Summary:
         return Summary(problem=error.problem, remedy=error.remedy)
     except OSError as error:
         return Summary(problem=f"it can't be read: {error.strerror or error}", remedy="Correct its permissions")
-    except ModuleNotFoundError as error:
-        return Summary(problem=_not_here(error), remedy=extras.remedy(error.name or "") or _REMEDY)
+    except ModuleNotFoundError:
+        raise
     except Exception as error:  # whatever a damaged file makes a library do, the others are still listed
         return Summary(problem=f"it is damaged: {type(error).__name__}: {_line(error)}", remedy=_REMEDY)
 
@@ -175,10 +177,6 @@ def _summary(path: Path) -> Summary:
             "The rows before them can be read, replayed and exported",
         )
     return found.summary(problem, remedy)
-
-
-def _not_here(error: ModuleNotFoundError) -> str:
-    return f"{NOT_HERE}: {error.name} isn't installed"
 
 
 def _line(error: Exception) -> str:

@@ -131,8 +131,8 @@ def _break(bench: Bench, device: str, kind: str) -> dict[str, Value]:
         if bench.state not in ("stopping", "stopped"):
             wrong.append("a reset is granted while the fault is there")
     wrong += _recovers(bench, device, stopped)
-    lies = device if kind == "misreporting" else ""
-    share, where = largest(bench.layout, bench.rows, bench.graph, bench.guards, lies)
+    liar = device if kind == "misreporting" else ""
+    share, where = largest(bench.layout, bench.rows, bench.graph, bench.guards, misreporting=liar)
     if not share <= 1.0 + ROUNDING:
         wrong.append(f"{share:.3g} of what the limits allow was sent: {where}")
     recorded = seen is None or (cause != "none" and culprit != "")  # the rows say why, and whose fault it is

@@ -120,15 +120,15 @@ def sent_of(layout: Layout, rows: NDArray[np.int64], graph: Graph, actuator: Act
 
 
 def largest(
-    layout: Layout, rows: NDArray[np.int64], graph: Graph, guards: list[CommandGuard], lies: str = ""
+    layout: Layout, rows: NDArray[np.int64], graph: Graph, guards: list[CommandGuard], misreporting: str = ""
 ) -> tuple[float, str]:
     """The largest share of what the limits allow in all that was sent, and where that was.
 
-    `lies`: a device that reports as sent what wasn't: of it counts what the guard let through, which it was given.
+    `misreporting`: a device that reports as sent what wasn't. Of it counts what the guard let through.
     """
     found = [(0.0, "")]
     for actuator, guard in zip(graph.actuators, guards, strict=True):
-        signal = "applied" if graph.devices[actuator.device].name == lies else "sent"
+        signal = "applied" if graph.devices[actuator.device].name == misreporting else "sent"
         for k, share, what in shares(guard, sent_of(layout, rows, graph, actuator, signal)):
             found.append((share, f"{actuator.name}, {what}, cycle {int(rows[k, CYCLE.cycle])}"))
     return max(found)

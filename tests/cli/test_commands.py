@@ -88,7 +88,7 @@ def test_a_name_that_is_taken_disturbs_no_other(package: Path, capsys: pytest.Ca
     assert told(["study", "--help"], capsys)[0] == 0
     code, said = told(["jog", "--help"], capsys)
     assert code == 2
-    assert "claimed twice" in said
+    assert "is claimed by" in said
 
 
 # The names from before

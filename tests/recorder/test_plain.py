@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.recording import make_layout, make_run, write_run
 from helpers.run import environment
 from helpers.segments import expected
@@ -18,17 +21,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from srl.runtime.cli import main
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.ipc.child import FINAL
 from srl.runtime.recorder import base
 from srl.runtime.recorder.converted import convert
 from srl.runtime.recorder.plain import PlainRecorder
-from srl.runtime.recording import plain
+from srl.runtime.recording import index, plain
 from srl.runtime.recording.keep import Keep, make_room
 from srl.runtime.recording.plain import START, Kind, record, records
 from srl.runtime.recording.reader import read
 from srl.runtime.recording.segments import claim, folder_of, listed
-from srl.runtime.recording.summary import summarize
+from srl.runtime.recording.summary import Summary, summarize
 
 AT_ONCE = 1e9  # rows/s
 HEAVY = ("rerun", "pyarrow", "matplotlib", "mujoco", "pinocchio", "scipy", "eigenpy", "daqp", "aiohttp", "PIL",
@@ -149,7 +153,9 @@ def test_a_whole_one_is_told_from_one_that_isn_t(tmp_path: Path, capsys: pytest.
 @pytest.mark.parametrize("place", [0, 3, 9, 40])
 def test_the_head_of_a_file_and_its_layout_may_be_lost(tmp_path: Path, place: int) -> None:
     folder = recorded(tmp_path)
-    (folder / "000009.rows").write_bytes(listed(folder)[0].read_bytes())  # the layout is in each file
+    content = listed(folder)[0].read_bytes()
+    _, layout = next(iter(records(listed(folder)[0], folder)))
+    (folder / "000009.rows").write_bytes(START + record(Kind.LAYOUT, layout) + content[-len(plain.end_record(0)) :])
     damaged(folder, place)
     assert np.array_equal(read(folder).rows, expected(read(folder).layout, 9000))
 
@@ -180,13 +186,52 @@ def test_a_finished_one_is_deleted_by_retention(tmp_path: Path) -> None:
     assert "was deleted" in said[-1]
 
 
-@pytest.mark.parametrize("damage", [b"nonsense", b"[[1]]", b'[["a", 1, "INFO", 1, "x"]]', b"{}", b"[" * 5000])
+@pytest.mark.parametrize(
+    "damage", [b"nonsense", b"[[1]]", b'[["a", 1, "INFO", 1, "x"]]', b'[[1, 1, "LOUD", 1, "x"]]', b"7", b"[" * 5000]
+)
 def test_events_that_are_none_are_refused(damage: bytes) -> None:
-    if damage == b"{}":
-        assert plain.events_of(damage) == {}
-        return
-    with pytest.raises(ValueError, match=r".*"):
+    with pytest.raises(ValueError):  # noqa: PT011  json's own words, or int's
         plain.events_of(damage)
+
+
+def test_an_end_with_rows_behind_it_is_none(tmp_path: Path) -> None:
+    folder = recorded(tmp_path)
+    first, *others = records(listed(folder)[0], folder)
+    end = others.pop()
+    assert end[0] is Kind.END
+    made = START + b"".join(record(*one) for one in (first, end, *others))  # the recorder went on, and was killed
+    for file in listed(folder):
+        file.unlink()
+    (folder / "000001.rows").write_bytes(made)
+    assert "hasn't finished" in summarize(folder).problem
+
+
+def test_what_only_this_machine_can_t_read_isn_t_kept_as_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = recorded(tmp_path)
+
+    def summary() -> Summary:
+        return next(entry.summary for entry in index.entries(tmp_path) if entry.path == folder)
+
+    def missing(_: Path) -> Summary:
+        raise ModuleNotFoundError("No module named 'rerun'", name="rerun")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(index, "summarize", missing)
+        assert "rerun isn't installed" in summary().problem
+        assert "srl-runtime[view]" in summary().remedy
+    assert summary().problem == ""
+
+
+def test_every_extra_that_is_named_has_the_library() -> None:
+    """By the names under which they are installed, where these are others."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    installed = {"PIL": "pillow", "pinocchio": "pin", "rerun": "rerun-sdk", "example_robot_data": "example-robot-data"}
+    for module, extra in extras.EXTRA_OF.items():
+        packages = [re.split(r"[><=\[]", text)[0] for text in project["optional-dependencies"][extra]]
+        assert installed.get(module, module) in packages, (module, extra)
+    assert all(any(text.startswith(name) for text in project["dependencies"]) for name in extras.WHERE_A_WHEEL_IS)
 
 
 def core(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -201,6 +246,7 @@ def core(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.serial  # beside others its twin answers late
 def test_a_machine_with_the_core_alone_runs_records_and_replays_a_device(tmp_path: Path) -> None:
     """`servo-jog`'s driver in front of its twin, which is in another process with everything installed."""
     with TwinProcess("servo-jog") as twin:
