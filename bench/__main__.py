@@ -39,9 +39,9 @@ def main() -> int:
         function, arguments, _ = BENCHES[name]
         if name == "stop-latency" and args.trials is not None:
             arguments = (args.trials,)
-        begun = time.monotonic()
+        started = time.monotonic()
         found, why = one.run(function, arguments, args.quick)
-        took[name] = round(time.monotonic() - begun, 1)
+        took[name] = round(time.monotonic() - started, 1)
         rows += found
         if not args.json:
             for row in found:
@@ -53,7 +53,7 @@ def main() -> int:
         if not args.json:
             print(f"  in {took[name]:g} s", flush=True)
     if args.json:
-        print(json.dumps({"benches": [row.figures() for row in rows], "failed": failed, "seconds": took}))
+        print(json.dumps({"benches": [row.metrics() for row in rows], "failed": failed, "seconds": took}))
     else:
         slowest = sorted(took, key=lambda name: -took[name])[:3]
         spent = ", ".join(f"{name} {took[name]:g} s" for name in slowest)

@@ -34,7 +34,7 @@ from srl.runtime.ipc.run_folder import RunFolder
 SIGNAL = "finger/position_command/applied"  # stamped with the cycle's beginning
 NICE = -5  # as deploy/srl@.service sets it
 POLL = 0.02  # s, of the bus that polls
-PATIENCE = 20.0  # s for a bus to begin, or to end
+TIMEOUT = 20.0  # s for a bus to begin, or to end
 SETTLE, BLOCK = 0.3, 1.2  # s before a block counts, and of a block
 _POLLING, _ORDINARY = "a bus that polls every 20 ms", "the bus at a nice value of 0"
 
@@ -45,7 +45,7 @@ def run(rate: int) -> list[Row]:
         layout, reader = Layout.load(run_folder.layout), RingReader(run_folder.rows)
 
         def block(works: _Bus | None) -> Callable[[], dict[str, float]]:
-            def figures() -> dict[str, float]:
+            def metrics() -> dict[str, float]:
                 for bus in (due, ordinary, polling):
                     bus.send(signal.SIGCONT if bus is works else signal.SIGSTOP)
                 time.sleep(SETTLE)
@@ -61,7 +61,7 @@ def run(rate: int) -> list[Row]:
                     found |= {"age": float(np.median(ages)), "age99": float(np.percentile(ages, 99))}
                 return found
 
-            return figures
+            return metrics
 
         others = {_POLLING: block(polling), _ORDINARY: block(ordinary), "without": block(None)}
         pairs = measure(block(due), others, PAIRS)
@@ -126,12 +126,12 @@ def _buses(run_folder: RunFolder) -> Iterator[list[_Bus]]:
             started.append((process, folder))
         buses = []
         for process, folder in started:
-            until = time.monotonic() + PATIENCE
+            until = time.monotonic() + TIMEOUT
             while not folder.bus_socket.exists():
                 if not process.is_alive() or time.monotonic() > until:
                     raise RuntimeError("the bus doesn't begin")
                 time.sleep(0.02)
-            buses.append(_Bus(process, ends.enter_context(connect(folder, timeout=PATIENCE))))
+            buses.append(_Bus(process, ends.enter_context(connect(folder, timeout=TIMEOUT))))
         yield buses
 
 
@@ -139,7 +139,7 @@ def _end(process: BaseProcess) -> None:
     assert process.pid is not None
     os.kill(process.pid, signal.SIGCONT)
     process.terminate()
-    process.join(PATIENCE)
+    process.join(TIMEOUT)
     process.kill()
     process.join()
 

@@ -83,16 +83,16 @@ def run() -> list[Row]:
 def _at(rate: int, program: Path | None) -> list[Row]:
     """The rows of one rate."""
     period = 1e6 / rate
-    ours = partial(figures, rate, partial(_ours, rate))
+    ours = partial(metrics, rate, partial(_ours, rate))
     what = f"sensor's last byte to command's first, {rate} Hz (a period is {period:g} us), {{}}"
     if program is None:
         pairs = measure(ours, {_PERIOD: lambda: dict.fromkeys(_NAMES, period)})
         return [pairs.row("byte-to-byte", what.format(name), name, _PERIOD, "us") for name in _NAMES]
-    pairs = measure(ours, {_BY_HAND: partial(figures, rate, partial(_c, program, rate))})
+    pairs = measure(ours, {_BY_HAND: partial(metrics, rate, partial(_c, program, rate))})
     return [pairs.row("byte-to-byte", what.format(name), name, _BY_HAND, "us") for name in _NAMES]
 
 
-def figures(rate: int, start: Start) -> dict[str, float]:
+def metrics(rate: int, start: Start) -> dict[str, float]:
     """Starts a loop at two sockets and returns percentiles of the us from byte to byte."""
     with ExitStack() as ends:
         sensor, its_sensor = map(ends.enter_context, socket.socketpair())
@@ -128,18 +128,18 @@ class _Frames:
         self._poll.register(actuator.fileno(), select.POLLIN)
         self._value, self._rest = 0.0, b""
 
-    def next(self, wait: float, patience: float) -> float | None:
+    def next(self, wait: float, timeout: float) -> float | None:
         """Sends another value after `wait` (s); returns the us until its command came, None if none came."""
         self._value = value = -_STEP if self._value > 0.0 else _STEP  # never 0, where the arm begins
         time.sleep(wait)
         self._heard()
         self._sensor.send(frame(value))
-        begun = came = time.monotonic_ns()
-        while came - begun < patience * 1e9:
-            self._poll.poll(patience * 1e3)
+        started = came = time.monotonic_ns()
+        while came - started < timeout * 1e9:
+            self._poll.poll(timeout * 1e3)
             came = time.monotonic_ns()
             if any(abs(command - value) < 1e-9 for command in self._heard()):
-                return (came - begun) / 1e3
+                return (came - started) / 1e3
         return None
 
     def _heard(self) -> list[float]:

@@ -58,16 +58,16 @@ def _worker(kind: str, rate: int, count: int) -> dict[str, float]:
 def _cyclictest(rate: int, count: int) -> dict[str, float]:
     command = ["cyclictest", "-v", "-t1", f"-p{realtime.PRIORITY}", "-m", f"-i{1_000_000 // rate}", f"-l{count}"]
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    return _figures([float(m[1]) for m in re.finditer(r"^\s*0:\s*\d+:\s*(\d+)\s*$", text, re.MULTILINE)])
+    return _metrics([float(m[1]) for m in re.finditer(r"^\s*0:\s*\d+:\s*(\d+)\s*$", text, re.MULTILINE)])
 
 
 def _c(program: Path, rate: int, count: int) -> dict[str, float]:
     command = [str(program), str(clocks.SECOND // rate), str(count), str(realtime.PRIORITY), str(clocks.SPIN)]
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    return _figures([float(line) for line in text.splitlines()])
+    return _metrics([float(line) for line in text.splitlines()])
 
 
-def _figures(latencies: list[float]) -> dict[str, float]:
+def _metrics(latencies: list[float]) -> dict[str, float]:
     p50, p99 = np.percentile(latencies, [50, 99])
     return {"p50": float(p50), "p99": float(p99)}
 
@@ -91,7 +91,7 @@ def _measure(kind: str, rate: int, count: int) -> dict[str, float]:
             due = limiter.next_tick
             limiter.sleep()
             late.append((time.perf_counter() - due) * 1e6)
-    return _figures(late)
+    return _metrics(late)
 
 
 if __name__ == "__main__":

@@ -258,21 +258,21 @@ def _cycles() -> list[Row]:
     period = 1e6 / 100
     pairs = measure(
         one,
-        {"the period": lambda: dict.fromkeys(_FIGURES, period), "no clear": without, "human-srl-two": two},
+        {"the period": lambda: dict.fromkeys(_METRICS, period), "no clear": without, "human-srl-two": two},
         _TIMES,
     )
     return [
-        *_rows(pairs, "the period", _FIGURES),
+        *_rows(pairs, "the period", _METRICS),
         *_rows(pairs, "no clear", ("guard p50", "laws and guard p50")),
         *_rows(pairs, "human-srl-two", ("laws and guard p50",)),
     ]
 
 
-_FIGURES: Final = tuple(f"{what} {share}" for what in ("laws", "guard", "laws and guard") for share in ("p50", "p99"))
+_METRICS: Final = tuple(f"{what} {share}" for what in ("laws", "guard", "laws and guard") for share in ("p50", "p99"))
 
 
-def _rows(pairs: Pairs, other: str, figures: tuple[str, ...]) -> list[Row]:
-    return [pairs.row(_ID, f"a cycle of human-srl: {figure}", figure, other, "us") for figure in figures]
+def _rows(pairs: Pairs, other: str, metrics: tuple[str, ...]) -> list[Row]:
+    return [pairs.row(_ID, f"a cycle of human-srl: {figure}", figure, other, "us") for figure in metrics]
 
 
 def _stepped(name: str, *overrides: str) -> Callable[[], dict[str, float]]:

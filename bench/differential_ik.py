@@ -79,9 +79,9 @@ def timed(solve: Solve, robot: RobotDescription) -> Callable[[], dict[str, float
         took = []
         for i in range(BLOCK):
             q, place, turn = places[i % POSTURES]
-            begun = time.perf_counter_ns()
+            started = time.perf_counter_ns()
             solve(q, place, turn)
-            took.append(time.perf_counter_ns() - begun)
+            took.append(time.perf_counter_ns() - started)
         return {"solve": statistics.median(took) / 1e3}
 
     return block
@@ -113,7 +113,7 @@ class Ours:
             self._law = bound(KairosClik("law", KairosClikConfig.model_validate(options)))
         else:
             self._law = bound(MocaImpedance("law", MocaImpedanceConfig()))
-        self._begun = False
+        self._started = False
 
     def tool(self, q: Array) -> tuple[Array, rotation.Quaternion]:
         self._place(q)
@@ -124,8 +124,8 @@ class Ours:
         law = self._law
         self._place(q)
         law.input["desired_pose"][:3], law.input["desired_pose"][3:] = place, turn
-        if not self._begun:
-            self._begun = True
+        if not self._started:
+            self._started = True
             law.reset()
         law.update(DT)
         if "velocity" not in law.output:

@@ -109,10 +109,10 @@ def _sdk(port: str) -> dict[str, float]:
 def _measure(exchange: Any) -> dict[str, float]:
     for _ in range(10):
         exchange()
-    begun, cpu = time.perf_counter(), time.process_time()
+    started, cpu = time.perf_counter(), time.process_time()
     for _ in range(EXCHANGES):
         exchange()
-    spent, busy = time.perf_counter() - begun, time.process_time() - cpu
+    spent, busy = time.perf_counter() - started, time.process_time() - cpu
     return {"rate": EXCHANGES / spent, "cpu": busy / EXCHANGES * 1e6}
 
 

@@ -24,8 +24,8 @@ import numpy as np
 from bench.pairs import Row, interval, measure
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.world import Twin, World
+from srl.runtime.ipc.header import CYCLE, DEVICE, State
 from srl.runtime.ipc.ring import RingWriter
-from srl.runtime.ipc.words import CYCLE, DEVICE, State
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.device import Device
 from srl.runtime.loop.guards import limits_of
@@ -40,7 +40,7 @@ PHASES: Final = ("read", "control", "guard", "write", "log", "whole")
 BLOCK: Final = 30  # cycles of one measurement; in nine of ten each limb must be told its angles
 _LONGEST: Final = 2000  # cycles until all must have moved
 _AWAY: Final = 0.1  # rad from where it began: it moves
-_PATIENCE: Final = 20  # ms, for what a pty hands on: some cycles have nothing
+_TIMEOUT: Final = 20  # ms, for what a pty hands on: some cycles have nothing
 
 
 def run() -> list[Row]:
@@ -113,13 +113,13 @@ class _System:
         ]
         self._cycle = Cycle(graph, limits_of(graph), automatic=True, report=self._say)
         self._period = round(1e9 / graph.profile.rate)
-        self._said: list[str] = []
+        self._reported: list[str] = []
         self._count, self._behind = 0, 0
         self._there: list[select.poll] = []
         self._here: list[select.poll] = []
 
     def _say(self, text: str) -> None:
-        self._said.append(text)
+        self._reported.append(text)
 
     def begin(self) -> None:
         """Opens the drivers and goes on until all servos have moved."""
@@ -133,7 +133,7 @@ class _System:
             self.step()
             if all(np.abs(device.driver.state_arrays["position"]).min() > _AWAY for device in self.devices):
                 return
-        raise RuntimeError(f"not all of {len(self.devices)} limbs move after {_LONGEST} cycles: {self._said[-3:]}")
+        raise RuntimeError(f"not all of {len(self.devices)} limbs move after {_LONGEST} cycles: {self._reported[-3:]}")
 
     @contextmanager
     def _served(self) -> Iterator[None]:
@@ -155,24 +155,24 @@ class _System:
             server.join()
 
     @property
-    def told(self) -> int:
+    def reported(self) -> int:
         """How many commands each limb was sent, at least; none may have been lost or stopped."""
         if self._cycle.machine.state is not State.ACTIVE:
-            raise RuntimeError(f"{len(self.devices)} limbs have stopped: {self._said[-3:]}")
+            raise RuntimeError(f"{len(self.devices)} limbs have stopped: {self._reported[-3:]}")
         return min(device.words.item(DEVICE.commands) for device in self.devices)
 
     def step(self) -> list[int]:
         """One cycle; returns the ns of each of PHASES."""
         self._count += 1
-        begun = self._behind + self._world.time
+        started = self._behind + self._world.time
         self._world.advance(self._world.time + self._period)
-        for moment in (begun + self._period // 10, begun + self._period):  # asked, and once all have answered
+        for moment in (started + self._period // 10, started + self._period):  # asked, and once all have answered
             for twin, there in zip(self._twins, self._there, strict=True):
-                there.poll(_PATIENCE * (moment < begun + self._period))
+                there.poll(_TIMEOUT * (moment < started + self._period))
                 twin.service(moment)
         for here in self._here:
-            here.poll(_PATIENCE)
-        now, ints, cycle, clock = begun + self._period, self._graph.row.ints, self._cycle, time.thread_time_ns
+            here.poll(_TIMEOUT)
+        now, ints, cycle, clock = started + self._period, self._graph.row.ints, self._cycle, time.thread_time_ns
         ints[CYCLE.cycle], ints[CYCLE.now], ints[CYCLE.dt] = self._count, now, self._period
         start = clock()
         for device in self.devices:
@@ -245,12 +245,12 @@ def _grown(what: str, systems: dict[int, _System]) -> list[Row]:
 def _block(systems: dict[int, _System]) -> dict[int, dict[str, float]]:
     """Returns the us of each phase by size, medians of some cycles; all sizes take turns, cycle by cycle."""
     took: dict[int, list[list[int]]] = {size: [] for size in systems}
-    before = {size: system.told for size, system in systems.items()}
+    before = {size: system.reported for size, system in systems.items()}
     for _ in range(BLOCK):
         for size, system in systems.items():
             took[size].append(system.step())
     for size, system in systems.items():
-        if (told := system.told - before[size]) < 0.9 * BLOCK:
-            raise RuntimeError(f"a limb was told its angles in {told} of {BLOCK} cycles only")
+        if (reported := system.reported - before[size]) < 0.9 * BLOCK:
+            raise RuntimeError(f"a limb was told its angles in {reported} of {BLOCK} cycles only")
     medians = {size: (np.median(cycles, axis=0) / 1e3).tolist() for size, cycles in took.items()}
     return {size: dict(zip(PHASES, median, strict=True)) for size, median in medians.items()}

@@ -15,7 +15,7 @@ from srl.runtime.profile import profile, wiring
 _BEGUN = 500  # cycles, until the wearer moves
 _FRAMES = 500
 _AIM = 250.0  # us
-_FIGURES = ("arm-angles", "ikns", "both")
+_METRICS = ("arm-angles", "ikns", "both")
 
 
 def run() -> list[Row]:
@@ -44,9 +44,9 @@ def run() -> list[Row]:
             ikns.update(0.01)
             times.append((half - start, perf_counter_ns() - half))
         first, second = np.array(times).T / 1e3
-        figures = (np.median(first), np.median(second), np.median(first + second))
-        return dict(zip(_FIGURES, map(float, figures), strict=True))
+        metrics = (np.median(first), np.median(second), np.median(first + second))
+        return dict(zip(_METRICS, map(float, metrics), strict=True))
 
-    pairs = measure(ours, {"the aim": lambda: dict.fromkeys(_FIGURES, _AIM)})
-    rows = [pairs.row("ikns-cycle", what, what, "the aim", "us") for what in _FIGURES]
+    pairs = measure(ours, {"the aim": lambda: dict.fromkeys(_METRICS, _AIM)})
+    rows = [pairs.row("ikns-cycle", what, what, "the aim", "us") for what in _METRICS]
     return [replace(r, aim=f"at most {_AIM:g} us", holds=r.ours <= _AIM) if r.what == "both" else r for r in rows]

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import State
 
 _NAME = "bench"
 

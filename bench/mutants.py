@@ -28,7 +28,7 @@ COPIED = ("bench", "tests", "docs", "native", "profiles", "README.md")
 # One group a module in the guard: its functions are hot, and so a run of all its tests through mutmut takes minutes.
 GUARD = {
     "approach": ["approach"], "braking": ["braking", "position"], "position": ["position", "limits_clear"],
-    "velocity": ["velocity", "limits_clear", "verified"], "torque": ["torque"], "sent": ["reseat"],
+    "velocity": ["velocity", "limits_clear", "verified"], "torque": ["torque"], "sent": ["resynchronise"],
     "samples": ["samples"], "following": ["following"],
     "verified": ["verified*", "limits_clear"], "base": ["limits", "position", "velocity", "torque"],
 }  # fmt: skip
@@ -118,13 +118,13 @@ def main() -> None:
     given = parser.parse_args()
     end = time.monotonic() + 60 * given.minutes
     prepare(given.group)
-    said = mutmut("run", "--max-children", str(given.jobs), "none of them")  # makes all, runs the tests once
+    output = mutmut("run", "--max-children", str(given.jobs), "none of them")  # makes all, runs the tests once
     every = [name for name, _ in statuses()]
-    if "nothing matches" not in said or not every:
-        sys.exit(said[-3000:])
+    if "nothing matches" not in output or not every:
+        sys.exit(output[-3000:])
     every = fnmatch.filter(every, given.only)
     chosen = random.Random(given.seed).sample(sorted(every), min(given.sample, len(every)))
-    said = mutmut("run", "--max-children", str(given.jobs), *chosen, seconds=max(end - time.monotonic(), 1.0))
+    output = mutmut("run", "--max-children", str(given.jobs), *chosen, seconds=max(end - time.monotonic(), 1.0))
     results = dict(statuses())
     found = {status: [name for name in chosen if results[name] == status] for status in sorted({*results.values()})}
     for name in found.get("survived", []) + found.get("no tests", []):

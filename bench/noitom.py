@@ -65,7 +65,7 @@ def _ours(frames: list[bytes]) -> dict[str, float]:
         found = parser.feed(frame)
         took.append(clock() - start)
         assert found is not None
-    return _figures(took)
+    return _metrics(took)
 
 
 def _plain(frames: list[bytes]) -> dict[str, float]:
@@ -77,7 +77,7 @@ def _plain(frames: list[bytes]) -> dict[str, float]:
         values = np.array([float(word) for word in words[2:]])
         took.append(clock() - start)
         assert values.size in COUNTS
-    return _figures(took)
+    return _metrics(took)
 
 
 class Software:
@@ -95,7 +95,7 @@ class Software:
         self.driver = Noitom("suit", NoitomConfig(port=port))
         self.driver.bind({s.name: np.zeros(s.shape) for s in self.driver.states}, {})
         self._client: socket.socket | None = None
-        self._begun = 0
+        self._started = 0
         self._over = threading.Event()
 
     def __enter__(self) -> Software:
@@ -106,7 +106,7 @@ class Software:
         finally:
             self._over.set()
             thread.join()
-        self._begun = time.monotonic_ns() - self.now()
+        self._started = time.monotonic_ns() - self.now()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -128,11 +128,11 @@ class Software:
                 took.append(spent)
             while self.driver.health.frames == before:  # its rest came later: that isn't the cost of one read
                 self.driver.read(self.now())
-        return _figures(took)
+        return _metrics(took)
 
     def now(self) -> int:
         """The ns at which the newest frame is due."""
-        return self._begun + self._sent * 1_000_000_000 // RATE
+        return self._started + self._sent * 1_000_000_000 // RATE
 
     def send(self) -> None:
         """Sends the next frame."""
@@ -149,7 +149,7 @@ class Software:
                 start = clock()
                 here.recv(65536)
                 took.append(clock() - start)
-        return _figures(took)
+        return _metrics(took)
 
     def _serve(self) -> None:
         """Sends frames at RATE at most while the driver opens."""
@@ -165,7 +165,7 @@ class Software:
         return self._encode(self._sent)
 
 
-def _figures(took: list[int]) -> dict[str, float]:
+def _metrics(took: list[int]) -> dict[str, float]:
     p50, p99 = np.percentile(np.array(took) / 1e3, [50, 99])
     return {"p50": float(p50), "p99": float(p99)}
 

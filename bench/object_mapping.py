@@ -200,4 +200,4 @@ def _joint(robot: Element, name: str, kind: str, parent: str, child: str, xyz: A
 
 if __name__ == "__main__":
     for row in run():
-        print(row.what, row.figures())
+        print(row.what, row.metrics())

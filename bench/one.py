@@ -76,8 +76,8 @@ def reason(error: BaseException) -> str:
     ]
     where = f" (at {Path(frames[-1].filename).relative_to(_ROOT)}:{frames[-1].lineno})" if frames else ""
     if isinstance(error, subprocess.CalledProcessError):
-        said = error.stderr or b""
-        text = said.decode(errors="replace") if isinstance(said, bytes) else said
+        output = error.stderr or b""
+        text = output.decode(errors="replace") if isinstance(output, bytes) else output
         last = next((line.strip() for line in reversed(text.splitlines()) if line.strip()), "nothing")
         command = " ".join(map(str, error.cmd)) if isinstance(error.cmd, list) else str(error.cmd)
         return f"`{command}` ended with {error.returncode} and said: {last}{where}"
@@ -95,7 +95,7 @@ def main(function: str, out: str, *arguments: str) -> int:
         rows, why = error.rows, str(error)
     except (Exception, SystemExit) as error:
         rows, why = [], reason(error)
-    Path(out).write_text(json.dumps({"rows": [row.figures() for row in rows], "failed": why}))
+    Path(out).write_text(json.dumps({"rows": [row.metrics() for row in rows], "failed": why}))
     return 0
 
 

@@ -45,7 +45,7 @@ class Row:
     control_interval: tuple[float, float] | None = None
     pairs: int = 0
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """Returns the row for `--json`."""
         return asdict(self)
 

@@ -60,7 +60,7 @@ class _Robot:
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
         self._driver.open()
-        while not self._driver.figures()["moves"]:
+        while not self._driver.metrics()["moves"]:
             self._tick()
             self._driver.read(time.monotonic_ns())
             self._driver.write(time.monotonic_ns())
@@ -85,7 +85,7 @@ class _Robot:
             self._driver.write(now)
             took.append(time.perf_counter_ns() - start)
             self._udp.recv(4096)
-        return _figures(took)
+        return _metrics(took)
 
     def kernel_cycles(self) -> dict[str, float]:
         """Returns the us of receiving a state and sending a command."""
@@ -106,7 +106,7 @@ class _Robot:
                 here.send(command)
                 took.append(time.perf_counter_ns() - start)
                 there.recv(4096)
-        return _figures(took)
+        return _metrics(took)
 
     def _tick(self) -> None:
         with self._lock:
@@ -150,6 +150,6 @@ class _Robot:
         client.close()
 
 
-def _figures(took: list[int]) -> dict[str, float]:
+def _metrics(took: list[int]) -> dict[str, float]:
     p50, p90 = np.percentile(np.array(took) / 1e3, [50, 90])
     return {"p50": float(p50), "p90": float(p90)}

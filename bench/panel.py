@@ -27,7 +27,7 @@ from srl.runtime.web.operator.client import OperatorPage
 RATES = (100, 1000)  # Hz
 PAIRS = 20
 SETTLE, BLOCK = 0.3, 1.2  # s before a block counts, and of a block
-_FIGURES = {
+_METRICS = {
     "cycle": "cycle, median",
     "cycle99": "cycle, 99th percentile",
     "late99": "lateness of a wake-up, 99th percentile",
@@ -44,7 +44,7 @@ def _at(rate: int) -> list[Row]:
         layout, reader = Layout.load(folder.layout), RingReader(folder.rows)
 
         def block(awake: bool) -> Callable[[], dict[str, float]]:
-            def figures() -> dict[str, float]:
+            def metrics() -> dict[str, float]:
                 os.kill(page.pid, signal.SIGCONT if awake else signal.SIGSTOP)
                 time.sleep(SETTLE)
                 reader.take(1 << 20)
@@ -54,9 +54,9 @@ def _at(rate: int) -> list[Row]:
                 cycle = (written - wake) / 1e3
                 late = np.maximum(np.diff(wake) / 1e3 - 1e6 / rate, 0.0)
                 found = np.median(cycle), np.percentile(cycle, 99), np.percentile(late, 99)
-                return dict(zip(_FIGURES, map(float, found), strict=True))
+                return dict(zip(_METRICS, map(float, found), strict=True))
 
-            return figures
+            return metrics
 
         try:
             pairs = measure(block(False), {"with the panel": block(True)}, PAIRS)
@@ -64,7 +64,7 @@ def _at(rate: int) -> list[Row]:
             os.kill(page.pid, signal.SIGCONT)
     return [
         pairs.row("panel", f"{rate} Hz without the panel: {words}", figure, "with the panel", "us")
-        for figure, words in _FIGURES.items()
+        for figure, words in _METRICS.items()
     ]
 
 

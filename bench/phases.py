@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 
 from bench.pairs import Row, measure
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 
@@ -52,11 +52,11 @@ class _Split:
 
         def timed(*arguments: Any) -> Any:
             self._phase = phase
-            begun = clock()
+            started = clock()
             try:
                 return plain(*arguments)
             finally:
-                whole[phase] += clock() - begun
+                whole[phase] += clock() - started
                 self._phase = ""
 
         setattr(owner, method, timed)
@@ -81,10 +81,10 @@ def _watched(split: _Split) -> Iterator[None]:
 
     def watched(plain: Callable[..., Any]) -> Callable[..., Any]:
         def timed(*arguments: Any) -> Any:
-            begun = clock()
+            started = clock()
             found = plain(*arguments)
             if split._phase:
-                inside[split._phase] += clock() - begun
+                inside[split._phase] += clock() - started
             return found
 
         return timed

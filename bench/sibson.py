@@ -84,7 +84,7 @@ def _imported(name: str) -> object | None:
 def _timed(query: Callable[[Array], object], points: Array) -> dict[str, float]:
     took = []
     for x in points:
-        begun = time.perf_counter_ns()
+        started = time.perf_counter_ns()
         query(x)
-        took.append(time.perf_counter_ns() - begun)
+        took.append(time.perf_counter_ns() - started)
     return {"query": statistics.median(took) / 1e3}

@@ -104,7 +104,7 @@ class _Clock:
         self._took.setdefault(name, []).append(time.perf_counter_ns() - start)
         return found
 
-    def figures(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         return {name: statistics.median(took) / 1e3 for name, took in self._took.items()}
 
 
@@ -136,7 +136,7 @@ def _ours() -> dict[str, float]:
         clock.time("pose", pose.fill, frame, states)
         clock.time("frame", kinematics.nodes, states["rotation"], states["translation"], arms)
         clock.time("vector", paper.write, states["rotation"], states["translation"], arms, out)
-    return clock.figures()
+    return clock.metrics()
 
 
 def _peers() -> list[Row]:
@@ -156,7 +156,7 @@ def _peers() -> list[Row]:
         clock = _Clock()
         for k in range(_FRAMES):
             clock.time("p50", kinematics.nodes, turns[k], places[k], nothing)
-        return clock.figures()
+        return clock.metrics()
 
     def theirs() -> dict[str, float]:
         def once(k: int) -> None:
@@ -167,7 +167,7 @@ def _peers() -> list[Row]:
         joints, clock = other.layout(), _Clock()
         for k in range(0, _FRAMES, 10):
             clock.time("p50", once, k)
-        return clock.figures()
+        return clock.metrics()
 
     pairs = measure(ours, {"bvhio": theirs} | _pymotion(figure, turns, places), 5)
     return [
@@ -191,12 +191,12 @@ def _pymotion(figure: HumanSrl, turns: Any, places: Any) -> dict[str, Callable[[
         clock = _Clock()
         for k in range(_FRAMES):
             clock.time("p50", fk, turns[k], places[k, 0], offsets, parents)
-        return clock.figures()
+        return clock.metrics()
 
     def batch() -> dict[str, float]:
         clock = _Clock()
         clock.time("p50", fk, turns[:_FRAMES], places[:_FRAMES, 0], offsets, parents)
-        return {name: value / _FRAMES for name, value in clock.figures().items()}
+        return {name: value / _FRAMES for name, value in clock.metrics().items()}
 
     return {"pymotion": single, f"pymotion, {_FRAMES} frames at once": batch}
 

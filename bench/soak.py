@@ -29,14 +29,14 @@ import numpy as np
 from bench import standstill
 from srl.runtime.contracts.errors import HostError, SrlError
 from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, Cause, State
 
 PROFILE: Final = "moca-man"  # the shipped one with the most devices, laws and commands
 PERIOD: Final = 1.0  # s between two looks
-PATIENCE: Final = 300.0  # s for a start or an end, on a loaded machine
+TIMEOUT: Final = 300.0  # s for a start or an end, on a loaded machine
 REQUESTS: Final = 5.0  # s between two starts or resets
 PRIORITY: Final = 10  # of the twins, where it is allowed: below the loop's. Late twins are silent devices to the loop.
 # One lap of PROFILE's person: leads the hand out and back, closes and opens it, and takes the base along.
@@ -114,11 +114,11 @@ class Line:
     in the first and the last fifth, which are those that stay open: while it merges, the recorder has six more.
     """
 
-    begun: float
+    started: float
     ended: float
     first_half: float
     second_half: float
-    open_begun: int
+    open_started: int
     open_ended: int
     open_most: int
     threads: int
@@ -177,24 +177,24 @@ def soak(
             arguments = ["run", name, "--sim", *_set(overrides)]
         else:
             command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--rate", f"{looks:g}", "--json"]
-            watched["twins"] = stack.enter_context(_begun(command))
+            watched["twins"] = stack.enter_context(_started(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
-        stack.enter_context(_begun([sys.executable, "-m", "bench.standstill", str(folder)]))
+        stack.enter_context(_started([sys.executable, "-m", "bench.standstill", str(folder)]))
         own = ["faults.overrun.tolerate=1000000", "faults.overrun.stop=1000000"]
         if rate is not None:
             own += [f"rate={rate:g}", "clock=monotonic"]
         more = ["--instance", "soak", "--json", "--record", str(folder / "soak.rrd"), *_set(own)]
-        with (folder / "said").open("w+") as said:
-            run = watched["supervisor"] = stack.enter_context(_begun([*_SRL, *arguments, *more], said))
+        with (folder / "said").open("w+") as output:
+            run = watched["supervisor"] = stack.enter_context(_started([*_SRL, *arguments, *more], output))
             try:
                 _watch(made, RunFolder.of("soak"), watched, 60 * minutes, say)
                 run.terminate()
-                out, _ = run.communicate(timeout=PATIENCE)
+                out, _ = run.communicate(timeout=TIMEOUT)
                 made.summary = json.loads(out.splitlines()[-1])
             except (HostError, ValueError, IndexError, subprocess.TimeoutExpired) as error:
                 run.kill()
-                said.seek(0)
-                made.ended = f"{error} {said.read().strip()[-600:]}"
+                output.seek(0)
+                made.ended = f"{error} {output.read().strip()[-600:]}"
         still = standstill.gaps(folder)
         made.longest = float(np.ptp(still, axis=1).max(initial=0)) * 1e-9
         made.own = standstill.own(np.array(made.losses, np.int64).reshape(-1, 3), still, 1e9 / (made.rate or 1.0))
@@ -204,17 +204,17 @@ def soak(
 def _watch(
     made: Soak, where: RunFolder, watched: dict[str, subprocess.Popen[str]], seconds: float, say: IO[str]
 ) -> None:
-    begun = time.monotonic()
+    started = time.monotonic()
     while not (where.layout.exists() and where.rows.exists()):
-        if watched["supervisor"].poll() is not None or time.monotonic() > begun + PATIENCE:
+        if watched["supervisor"].poll() is not None or time.monotonic() > started + TIMEOUT:
             raise HostError("soak", "the run didn't begin", "Look at what it said")
         time.sleep(0.1)
     layout = Layout.load(where.layout)
     numerator, denominator = layout.meta["rate"]
     made.rate = numerator / denominator
-    begun = next_request = time.monotonic()
+    started = next_request = time.monotonic()
     with RingReader(where.rows) as reader:
-        while (at := time.monotonic() - begun) < seconds:
+        while (at := time.monotonic() - started) < seconds:
             if any(process.poll() is not None for process in watched.values()):
                 raise HostError("soak", "the run or its twins ended early", "Look at what it said")
             pids = {name: process.pid for name, process in watched.items()}
@@ -229,7 +229,7 @@ def _watch(
                 next_request = time.monotonic() + REQUESTS
                 if state is State.STOPPED:
                     cause = Cause(int(row[CYCLE.cause]))
-                    why = f"{cause.name.lower()} {layout.culprit(cause, int(row[CYCLE.culprit]))}".strip()
+                    why = f"{cause.name.lower()} {layout.fault_source(cause, int(row[CYCLE.fault_source]))}".strip()
                     made.resets[why] = made.resets.get(why, 0) + 1
                 send_request(where, "start" if state is State.READY else "reset")
             if sys.stderr.isatty():
@@ -275,15 +275,15 @@ def _set(overrides: list[str]) -> list[str]:
 
 
 @contextmanager
-def _begun(command: list[str], said: IO[str] | None = None) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, stdin=subprocess.DEVNULL, text=True)
+def _started(command: list[str], output: IO[str] | None = None) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=output, stdin=subprocess.DEVNULL, text=True)
     try:
         yield process
     finally:
         if process.poll() is None:
             process.terminate()
             try:
-                process.wait(PATIENCE)
+                process.wait(TIMEOUT)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -291,7 +291,7 @@ def _begun(command: list[str], said: IO[str] | None = None) -> Iterator[subproce
 
 def _line(process: subprocess.Popen[str]) -> str:
     assert process.stdout is not None
-    if not select.select([process.stdout], [], [], PATIENCE)[0] or not (line := process.stdout.readline()):
+    if not select.select([process.stdout], [], [], TIMEOUT)[0] or not (line := process.stdout.readline()):
         raise HostError("srl twin", "it didn't begin", "Try it by itself; is the machine overloaded?")
     return line
 
@@ -306,8 +306,8 @@ def table(made: Soak, warm_up: float) -> tuple[dict[str, Line], list[str]]:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for name, line in lines.items():
-        memory = f"{line.begun:.1f} to {line.ended:.1f} | {line.first_half:+.1f}, {line.second_half:+.1f}"
-        opened = f"{line.open_begun} to {line.open_ended}, at most {line.open_most}"
+        memory = f"{line.started:.1f} to {line.ended:.1f} | {line.first_half:+.1f}, {line.second_half:+.1f}"
+        opened = f"{line.open_started} to {line.open_ended}, at most {line.open_most}"
         text.append(f"| {name} | {memory} | {opened} | {line.threads} | {line.faults:.0f}, {line.main:.0f} |")
     return lines, text
 
@@ -332,8 +332,8 @@ def main() -> int:
         return 2
     whole = bool(made.summary.get("recording_complete"))
     good = not made.ended and whole and not made.own and "loop" in lines and not lines["loop"].main
-    good &= all(line.open_ended <= line.open_begun for line in lines.values())
-    figures = {
+    good &= all(line.open_ended <= line.open_started for line in lines.values())
+    metrics = {
         "profile": args.profile, "on": "fakes" if args.sim else "twins", "rate_hz": made.rate,
         "minutes": round(made.seconds / 60, 1), "cycles": made.cycles, "active": made.active, "lost": made.lost,
         "lost_by_itself": made.own, "machine_stood_still_s": round(made.longest, 3),
@@ -341,9 +341,9 @@ def main() -> int:
         "restarts": made.summary.get("restarts"), "ended_early": made.ended, "good": good,
     }  # fmt: skip
     if args.json:
-        print(json.dumps(figures | {"processes": {name: asdict(line) for name, line in lines.items()}}))
+        print(json.dumps(metrics | {"processes": {name: asdict(line) for name, line in lines.items()}}))
     else:
-        print("\n".join(["", *text, "", ", ".join(f"{name} {value}" for name, value in figures.items())]))
+        print("\n".join(["", *text, "", ", ".join(f"{name} {value}" for name, value in metrics.items())]))
     return 0 if good else 1
 
 

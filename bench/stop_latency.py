@@ -44,7 +44,7 @@ from srl.runtime.service import supervisor as service
 TRIALS = 20
 OVERRUN = 1.5  # periods that an overrunning loop's cycle takes
 SPAN = (0.2, 1.2)  # s of overrunning before its death: the kernel throttles by the second
-PATIENCE = 10.0  # s
+TIMEOUT = 10.0  # s
 _TICK = 0.01  # ms: a trial may end before the process that sleeps woke once
 TURN = 0.1  # s that one turn of a wait counts at most: what takes longer is a host that stood still, and all with it
 STARTS = 3  # of a trial, after which the fault is not the host's
@@ -65,10 +65,10 @@ class _Forked:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        end = time.monotonic() + (PATIENCE if timeout is None else timeout)
+        end = time.monotonic() + (TIMEOUT if timeout is None else timeout)
         while (code := self.poll()) is None:
             if time.monotonic() > end:
-                raise service.subprocess.TimeoutExpired("loop", timeout or PATIENCE)
+                raise service.subprocess.TimeoutExpired("loop", timeout or TIMEOUT)
             time.sleep(0.001)
         return code
 
@@ -119,16 +119,16 @@ def _supervise(folder: Path, port: str, spin: float, tell: int) -> int:
 
     signal.signal(signal.SIGUSR1, use_up)
     service.spawn = cast(Any, spawn)
-    said: list[str] = []
+    output: list[str] = []
     where = RunFolder(folder / "run")
     where.claim()
     text = PROFILE.replace("PORT", port).replace("SPIN", str(spin))
-    supervisor = service.Supervisor(where, Launch("latency", text), folder / "state", [], said.append)
+    supervisor = service.Supervisor(where, Launch("latency", text), folder / "state", [], output.append)
     supervisor.start()
     while supervisor.step():
         pass
     supervisor.finish()
-    (folder / "said").write_text(f"{supervisor.error or ''} {supervisor.death or ''} {' '.join(said)}")
+    (folder / "said").write_text(f"{supervisor.error or ''} {supervisor.death or ''} {' '.join(output)}")
     return 0
 
 
@@ -182,12 +182,12 @@ class Trial:
         """Reads what comes at the pty until the condition is true."""
         poll = select.poll()
         poll.register(self._master, select.POLLIN)
-        left, now = PATIENCE, time.monotonic()
+        left, now = TIMEOUT, time.monotonic()
         while not condition():
-            begun, now = now, time.monotonic()
-            left -= min(now - begun, TURN)
+            started, now = now, time.monotonic()
+            left -= min(now - started, TURN)
             if left < 0:
-                raise TimeoutError(f"nothing came in {PATIENCE:g} s: {self._why()}")
+                raise TimeoutError(f"nothing came in {TIMEOUT:g} s: {self._why()}")
             if poll.poll(1):
                 data, came = os.read(self._master, 4096), time.monotonic_ns()
                 commands = len(data) - data.count(STOP)
@@ -199,8 +199,8 @@ class Trial:
 
     def _why(self) -> str:
         """Where both processes are, and what the supervisor said at its end."""
-        said = self.folder / "said"
-        words = f"; {said.read_text()}" if said.exists() else ""
+        output = self.folder / "said"
+        words = f"; {output.read_text()}" if output.exists() else ""
         return f"supervisor {_state(self.supervisor)}, loop {_state(self.loop)}, {self.count} commands{words}"
 
     def until_stopped(self) -> None:
@@ -228,15 +228,15 @@ def _state(pid: int) -> str:
 
 
 def _kill(trial: Trial, number: signal.Signals = signal.SIGKILL) -> int:
-    begun = time.monotonic_ns()
+    started = time.monotonic_ns()
     os.kill(trial.loop, number)
-    return begun
+    return started
 
 
 def _kill_supervisor(trial: Trial) -> int:
-    begun = time.monotonic_ns()
+    started = time.monotonic_ns()
     os.kill(trial.supervisor, signal.SIGKILL)
-    return begun
+    return started
 
 
 def _stuck(trial: Trial) -> int:
@@ -310,9 +310,9 @@ def _sleeper() -> Iterator[Callable[[], float]]:
 
     def sleep() -> int:
         while os.getppid() == parent:
-            begun = time.monotonic_ns()
+            started = time.monotonic_ns()
             time.sleep(0.001)
-            late = time.monotonic_ns() - begun - 1_000_000
+            late = time.monotonic_ns() - started - 1_000_000
             if late > struct.unpack("q", shared[:8])[0]:
                 shared[:8] = struct.pack("q", late)
         return 0
@@ -347,14 +347,14 @@ def run(trials: int = TRIALS) -> list[Row]:
                 for case in CASES:
                     with _started(case) as trial:
                         worst()
-                        begun = case.fault(trial)
+                        started = case.fault(trial)
                         try:
                             trial.until_stopped()
                         except TimeoutError as error:
                             host = f"worst wake-up of a process that only sleeps {worst():.0f} ms"
                             raise TimeoutError(f"{case.what}: {error}; {host}") from None
                         late[case.what].append(worst())
-                    after[case.what].append((trial.stop - begun) / 1e6)
+                    after[case.what].append((trial.stop - started) / 1e6)
                     since[case.what].append((trial.stop - trial.command) / 1e6)
     finally:
         os.sched_setscheduler(0, policy, parameters)

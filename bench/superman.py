@@ -23,8 +23,8 @@ import numpy as np
 
 from bench import differential_ik, phases
 from bench.pairs import PAIRS, Pairs, Row, rounds
+from srl.runtime.ipc.header import CYCLE, DEVICE, State
 from srl.runtime.ipc.ring import RingWriter
-from srl.runtime.ipc.words import CYCLE, DEVICE, State
 from srl.runtime.loop import realtime
 from srl.runtime.loop.clock import MonotonicClock
 from srl.runtime.loop.lockstep import Lockstep
@@ -108,7 +108,7 @@ class Decisions:
             words[:] = self._rows[self._at]
             self._made.ints[_NOW] += self._ahead
             self._stamps += self._ahead
-            begun = clock()
+            started = clock()
             step.check(0)
             step.control()
             controlled = clock()
@@ -116,7 +116,7 @@ class Decisions:
             guarded = clock()
             self._ring.append(words)
             logged = clock()
-            took[i] = controlled - begun, guarded - controlled, logged - guarded, logged - begun
+            took[i] = controlled - started, guarded - controlled, logged - guarded, logged - started
         assert step.machine.state is State.ACTIVE
         return dict(zip(PHASES, (np.median(took, axis=0) / 1e3).tolist(), strict=True))
 
@@ -132,12 +132,12 @@ class Decisions:
         q[BASE:] = PANDA.home
         took = []
         for _ in range(BLOCK):
-            begun = time.perf_counter_ns()
+            started = time.perf_counter_ns()
             pin.computeFrameJacobian(body._model, body._data, q, body._frame, pin.LOCAL_WORLD_ALIGNED)
             pin.updateFramePlacement(body._model, body._data, body._frame)
             arm.inverse_mass(q[BASE:])
             arm.bias(q[BASE:], qd, gravity=False, coriolis=True)
-            took.append(time.perf_counter_ns() - begun)
+            took.append(time.perf_counter_ns() - started)
         return dict.fromkeys(PHASES, statistics.median(took) / 1e3)
 
 
@@ -158,8 +158,8 @@ def _blocks() -> dict[str, list[dict[str, float]]]:
                 missed += clock.wait().missed
 
             clock.start()
-            figures = cycles(wait)
-            return figures | {"missed": 1 + 1000 * missed / BLOCK}
+            metrics = cycles(wait)
+            return metrics | {"missed": 1 + 1000 * missed / BLOCK}
 
         def timer(wait: Callable[[], None]) -> dict[str, float]:
             for _ in range(BLOCK):

@@ -25,7 +25,7 @@ from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.testing.twin_bench import TwinBench
 
 SECONDS: Final = 0.37  # of one window: the kernel throttles, and others work, by the second
-PATIENCE: Final = 60.0  # s for the twin to begin
+TIMEOUT: Final = 60.0  # s for the twin to begin
 _THREADS: Final = Path("/proc/self/task")
 _STATES: Final = {"position": 6, "velocity": 6, "effort": 6, "wrench": 6, "pose": 7, "speed_scaling": 1, "buttons": 0}
 _PROFILE: Final = """\
@@ -68,7 +68,7 @@ def _measured(window: Callable[[], tuple[float, float]], where: str) -> Row:
     both = [window()]
     for _ in rounds(PAIRS):
         both.append(window())
-    ours, vendors = ([{"cpu": figures[side]} for figures in both] for side in (0, 1))
+    ours, vendors = ([{"cpu": metrics[side]} for metrics in both] for side in (0, 1))
     what = f"RTDE at 500 Hz, CPU time of the receiving thread a packet{where}"
     pairs = Pairs(ours[:-1], ours[1:], {"ur_rtde": vendors[:-1]})
     return pairs.row("ur-rtde-receive", what, "cpu", "ur_rtde", "us", "not more", lambda ratio: ratio <= 1.0)
@@ -87,9 +87,9 @@ def _process(work: Callable[..., None], *arguments: object) -> Iterator[None]:
 
 def _serve(host: str) -> None:
     with TwinBench(_PROFILE.format(host=host), "arm") as twin:
-        begun = time.monotonic()
+        started = time.monotonic()
         while True:
-            twin.run(max(0.0, time.monotonic() - begun - twin.now / 1e9))
+            twin.run(max(0.0, time.monotonic() - started - twin.now / 1e9))
             time.sleep(0.0005)
 
 
@@ -142,7 +142,7 @@ def _both(host: str) -> Iterator[Callable[[], tuple[float, float]]]:
 
 def _greeted(host: str) -> tuple[Handshake, Transport]:
     """Connects as soon as the twin listens."""
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + TIMEOUT
     while True:
         try:
             link = open_transport(f"tcp://{host}:30004", place="bench")

@@ -97,7 +97,7 @@ class StreamTime:
         # Count and time (ns) of the two samples between which the rate is estimated.
         self._first: tuple[int, int] | None = None
         self._last = (0, 0)
-        self._begun = 0
+        self._started = 0
         self._estimates = 0
 
     @property
@@ -118,10 +118,10 @@ class StreamTime:
 
     def _estimate(self, count: int, now: int) -> None:
         if self._first is None or count < self._first[0]:
-            self._begun = now
+            self._started = now
             self._first = self._last = (count, now)
             return
-        elapsed = now - self._begun
+        elapsed = now - self._started
         length = _LEARN[min(self._estimates, len(_LEARN) - 1)] * 1_000_000_000
         # A delayed sample would tilt the line. So at both ends the sample with the smallest delay is used.
         if elapsed < _END * length:

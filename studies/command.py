@@ -36,7 +36,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     people = parser.add_argument_group("with a person, beside `srl run`, where the study can be done with people")
     people.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
     people.add_argument("--profile", metavar="PROFILE", help="the one that runs; default: the study's own")
-    trials = parser.add_argument_group("how trials run (studies whose trials are tasks: docs/studies.md)")
+    trials = parser.add_argument_group("how trials run (studies whose trials are tasks: docs/studies/trials.md)")
     where = trials.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="processes on this machine; default: one a core")
     where.add_argument("--on", metavar="ADDRESS", help="a Dask scheduler, such as tcp://scheduler:8786")
@@ -120,8 +120,8 @@ def _session(args: argparse.Namespace, study: Any, folder: Path) -> Any:
 def _show(result: Any, folder: Path, as_json: bool) -> int:
     """Prints a result and keeps it."""
     if as_json:
-        print(_json(result.figures()))
-        _keep(folder / "result.json", result.figures())
+        print(_json(result.metrics()))
+        _keep(folder / "result.json", result.metrics())
         return 0
     print(f"{result.study} ({'simulated' if result.simulated else 'on hardware'}, seeds {result.seeds})")
     _print_table(result.table)
@@ -131,7 +131,7 @@ def _show(result: Any, folder: Path, as_json: bool) -> int:
         print(f"  {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.id}: {claim.text} ({measured}{paper})")
     for file in (*result.files, "result.json"):
         print(f"  {file}")
-    _keep(folder / "result.json", result.figures())
+    _keep(folder / "result.json", result.metrics())
     return 0
 
 
@@ -162,16 +162,16 @@ def _runner(args: argparse.Namespace, study: Any) -> Any:
     return make(workers=args.workers, on=args.on, tls=args.tls, insecure=args.insecure_no_tls, retry=args.retry)
 
 
-def _keep(file: Path, figures: dict[str, Any]) -> None:
+def _keep(file: Path, metrics: dict[str, Any]) -> None:
     """Saves the results beside the recordings, as some studies take hours."""
     try:
-        file.write_text(_json(figures) + "\n", encoding="utf-8")
+        file.write_text(_json(metrics) + "\n", encoding="utf-8")
     except OSError as error:
         print(f"srl study: {file} can't be written: {error.strerror}; the table above is all there is", file=sys.stderr)
 
 
-def _json(figures: dict[str, Any]) -> str:
-    return json.dumps(_plain(figures))
+def _json(metrics: dict[str, Any]) -> str:
+    return json.dumps(_plain(metrics))
 
 
 def _plain(value: Any) -> Any:
@@ -188,13 +188,13 @@ def _sweep(name: str, study: Any, folder: Path, runner: Any, as_json: bool) -> i
     if sweep is None:
         raise RequestError(f"srl study {name} --sweep", "this study has nothing to sweep", "Leave out --sweep")
     rows = sweep(folder) if runner is None else sweep(folder, runner=runner)
-    figures = {"study": name, "simulated": True, "sweep": rows}
+    metrics = {"study": name, "simulated": True, "sweep": rows}
     if as_json:
-        print(_json(figures))
+        print(_json(metrics))
     else:
         print(f"{name}, simulated, with other assumptions")
         _print_table(rows)
-    _keep(folder / "sweep.json", figures)
+    _keep(folder / "sweep.json", metrics)
     return 1 if runner is not None and runner.failed else 0
 
 

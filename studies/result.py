@@ -45,6 +45,6 @@ class Result:
     files: list[str] = field(default_factory=list)
     page: str = ""
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """Returns the result for `--json`."""
         return asdict(self)

@@ -11,7 +11,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import CYCLE, Cause
+from srl.runtime.ipc.header import CYCLE, Cause
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 from srl.studies.toolkit.errors import StudyError

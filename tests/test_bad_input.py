@@ -155,12 +155,12 @@ def test_wrong_profiles(case: str, tmp_path: Path, capsys: pytest.CaptureFixture
     path = tmp_path / "wrong.yaml"
     path.write_text(TEXT.replace(old, new))
     assert main(["check", str(path)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("srl check: ")
-    assert "Traceback" not in said
-    assert len(said.strip().splitlines()) == 1
+    output = capsys.readouterr().err
+    assert output.startswith("srl check: ")
+    assert "Traceback" not in output
+    assert len(output.strip().splitlines()) == 1
     for name in names:
-        assert name in said, f"'{name}' isn't in: {said}"
+        assert name in output, f"'{name}' isn't in: {output}"
 
 
 def test_buttons_of_other_names_than_the_laws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -169,14 +169,14 @@ def test_buttons_of_other_names_than_the_laws(tmp_path: Path, capsys: pytest.Cap
     path = tmp_path / "wrong.yaml"
     path.write_text(text.replace("{A: {pin: 2}, M: {pin: 3}, G:", "{stop: {pin: 2}, go: {pin: 3}, left:"))
     assert main(["check", str(path)]) == 2
-    said = capsys.readouterr().err
+    output = capsys.readouterr().err
     for part in (
         "controllers.0.in.buttons",
         "A, M, G, P",
         "stop, go, left, P",
         "{from: panel.buttons, map: {A: NAME}}",
     ):
-        assert part in said
+        assert part in output
 
 
 WRONG_CALLS = {
@@ -216,7 +216,7 @@ def test_wrong_calls(
     monkeypatch.chdir(tmp_path)
     arguments, names = WRONG_CALLS[case]
     assert main(arguments) == 2
-    said = capfd.readouterr().err
-    assert "Traceback" not in said
+    output = capfd.readouterr().err
+    assert "Traceback" not in output
     for name in names:
-        assert name in said, f"'{name}' isn't in: {said}"
+        assert name in output, f"'{name}' isn't in: {output}"

@@ -157,9 +157,9 @@ def test_profiles_page_has_every_key_and_no_other() -> None:
 
 
 def test_profiles_page_has_the_defaults() -> None:
-    said = documented()
+    output = documented()
     for path, default in keys(profile.Profile).items():
-        text = said[path].strip("`")
+        text = output[path].strip("`")
         if default is PydanticUndefined:
             assert text == "required", path
         elif default is None:

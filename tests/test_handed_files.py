@@ -22,10 +22,10 @@ from test_handed_files_fuzz import BIG, BVH, FORCES, GLOVE, HAND, POSES, SENSORS
 from srl.control.cobot.ft_record import FtRecord
 from srl.drivers.cyberglove import calibration
 from srl.drivers.cyberglove.protocol import LABELS
-from srl.runtime.bus import certificate_doubts, certificates
+from srl.runtime.bus import certificate_warnings, certificates
 from srl.runtime.cli import main
+from srl.runtime.contracts.calibration_content import parse
 from srl.runtime.contracts.errors import SrlError
-from srl.runtime.contracts.file_says import file_says
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.tls import TlsConfig
 from srl.runtime.models import record_file
@@ -62,11 +62,11 @@ def bounded(work: Callable[[], object], kinds: tuple[type[Exception], ...] = fuz
         os._exit(0)
     os.close(into)
     with os.fdopen(out, "rb") as pipe:
-        said = pipe.read().decode(errors="replace")
+        output = pipe.read().decode(errors="replace")
     _, status = os.waitpid(child, 0)
     assert not os.WIFSIGNALED(status), f"killed by {signal.Signals(os.WTERMSIG(status)).name}: a hang or a crash"
-    assert said[:1] in ("r", "e"), said or "it ended without a word"
-    return said[1:]
+    assert output[:1] in ("r", "e"), output or "it ended without a word"
+    return output[1:]
 
 
 def _limited(work: Callable[[], object], kinds: tuple[type[Exception], ...], clock: int) -> str:
@@ -83,12 +83,12 @@ def _limited(work: Callable[[], object], kinds: tuple[type[Exception], ...], clo
 
 def refused(work: Callable[[], object], *words: str, clock: int = 30) -> str:
     """The text of the error with which `work` refuses: one line, not too long, with these words (any case)."""
-    said = bounded(work, clock=clock)
-    assert said, "it was taken without a word"
-    assert len(said.splitlines()) == 1, said
-    assert len(said) < LONGEST, f"{len(said)} letters: {said[:200]}"
-    assert not [word for word in words if word.lower() not in said.lower()], said
-    return said
+    output = bounded(work, clock=clock)
+    assert output, "it was taken without a word"
+    assert len(output.splitlines()) == 1, output
+    assert len(output) < LONGEST, f"{len(output)} letters: {output[:200]}"
+    assert not [word for word in words if word.lower() not in output.lower()], output
+    return output
 
 
 def shaped(shape: str, data: bytes = b"\0" * 64, kind: str = "<f8") -> bytes:
@@ -172,8 +172,8 @@ def test_separators_and_decimal_commas_are_read_right_or_named(tmp_path: Path) -
     for comma, point, words in ((";", ",", ["semicolon", "decimal"]), (";", ".", ["semicolon"]),
                                 ("\t", ",", ["tab", "decimal"]), ("\t", ".", ["tab"])):  # fmt: skip
         path = file(tmp_path, "a.csv", table(comma=comma, point=point))
-        if said := bounded(partial(load_wearer, path)):
-            assert not [word for word in words if word not in said.lower()], said
+        if output := bounded(partial(load_wearer, path)):
+            assert not [word for word in words if word not in output.lower()], output
         else:
             np.testing.assert_array_equal(load_wearer(path).target(0.1), plain)
 
@@ -189,8 +189,8 @@ def test_what_of_a_hands_recording_is_left_out_is_said(tmp_path: Path, capsys: p
     for names in (SENSORS, list(LABELS[22])):
         path = file(tmp_path, "a.csv", table(("time", *names, "battery"), n=200))
         assert main(["check", "sixth-finger", "--sim", "--set", f"sim.parts.hand.wearer.recording={path}"]) == 0
-        said = "".join(capsys.readouterr())
-        assert not [name for name in (*names[19:], "battery") if name not in said.replace(str(path), "")], names[19:]
+        output = "".join(capsys.readouterr())
+        assert not [name for name in (*names[19:], "battery") if name not in output.replace(str(path), "")], names[19:]
 
 
 WRONG_NPZ: Final[dict[str, tuple[dict[str, Any], list[str]]]] = {
@@ -288,7 +288,7 @@ def test_yaml_that_no_reader_takes_is_refused_in_a_line(case: str) -> None:
     if not first:
         glove = KeptFile(Path("a.yaml"), f"{GLOVE}{YAML[case]}\n".encode())
         refused(lambda: calibration.load(glove, 22), "a.yaml")
-        assert bounded(lambda: file_says(glove.content)) == ""
+        assert bounded(lambda: parse(glove.content)) == ""
 
 
 RATES: Final = ("1/0", "'1e99999999'", f"0x{'f' * 5000}", f"'{BIG}/{BIG}'")
@@ -319,9 +319,9 @@ OVERRIDES: Final = {
 
 @pytest.mark.parametrize("case", OVERRIDES)
 def test_an_override_is_taken_or_refused_in_a_line(case: str) -> None:
-    said = bounded(lambda: profile.parse("a.yaml", PROFILE, [OVERRIDES[case]]))
-    assert len(said.splitlines()) < 2
-    assert len(said) < LONGEST, said[:200]
+    output = bounded(lambda: profile.parse("a.yaml", PROFILE, [OVERRIDES[case]]))
+    assert len(output.splitlines()) < 2
+    assert len(output) < LONGEST, output[:200]
 
 
 def test_json_of_any_size_is_read_or_refused_in_bounded_time() -> None:
@@ -330,7 +330,7 @@ def test_json_of_any_size_is_read_or_refused_in_bounded_time() -> None:
     for old, new in (("0.3", BIG), ("0.3", "[" * 50_000), ("0.3", "1e999"), ("sensor", "\\ud800")):
         text = json.dumps(FT).replace(old, new)
         refused(partial(record_file.parse, FtRecord, text.encode(), "a.json"), "a.json")
-        assert bounded(partial(file_says, text.encode())) == ""
+        assert bounded(partial(parse, text.encode())) == ""
 
 
 @pytest.mark.parametrize("number", [BIG, "1e999", "[" * 5000, "7.9", "true", '"²"', '7, "id": 8'], ids=lambda n: n[:6])
@@ -364,7 +364,7 @@ def test_a_key_of_another_kind_is_doubted(tmp_path: Path) -> None:
     made = base64.encodebytes(der.replace(curve, curve[:-1] + b"\x7f")).decode()
     key.write_text(f"{head}\n{made}{head.replace('-----BEGIN', end)}\n")
     tls = TlsConfig(ca=str(tmp_path / "ca.pem"), certificate=str(tmp_path / "a.pem"), key=str(key))
-    assert list(certificate_doubts.doubts(tls))
+    assert list(certificate_warnings.warnings(tls))
 
 
 # -- what is no file

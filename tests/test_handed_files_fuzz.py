@@ -341,7 +341,7 @@ def faults(name: str, folder: Path, first: int, count: int) -> list[str]:
     made, at = handed.good(folder), first
     good = made if isinstance(made, bytes) else made.encode()
     while at < last and len(found) < 12:
-        said = ["", ""]
+        output = ["", ""]
         out, into = os.pipe()
         if not (child := os.fork()):
             with contextlib.suppress(BaseException):
@@ -350,13 +350,13 @@ def faults(name: str, folder: Path, first: int, count: int) -> list[str]:
         os.close(into)
         with os.fdopen(out, encoding="utf-8", errors="replace") as pipe:
             for line in pipe:
-                said = line.rstrip("\n").split("\t", 1)
-                if said[1]:
-                    found.setdefault(re.sub(r"\d+|'.*'", "", said[1])[:60], f"trial {said[0]}: {said[1]}")
+                output = line.rstrip("\n").split("\t", 1)
+                if output[1]:
+                    found.setdefault(re.sub(r"\d+|'.*'", "", output[1])[:60], f"trial {output[0]}: {output[1]}")
         _, status = os.waitpid(child, 0)
         if how := os.WIFSIGNALED(status) and signal.Signals(os.WTERMSIG(status)).name:
-            found.setdefault(how, f"trial {said[0]}: killed by {how}: a hang or a crash")
-        at = int(said[0] or last) + 1
+            found.setdefault(how, f"trial {output[0]}: killed by {how}: a hang or a crash")
+        at = int(output[0] or last) + 1
     return list(found.values())
 
 

@@ -23,9 +23,9 @@ def test_what_development_has_of_it_is_named() -> None:
 
 
 def test_the_lgpl_and_others_are_told_from_the_gpl() -> None:
-    said = {
+    output = {
         "a": "LGPL-3.0-only", "b": "GNU Lesser General Public License v3 (LGPLv3)", "c": "GPL-3.0-or-later",
         "d": "GNU Affero General Public License v3", "e": "AGPL-3.0", "f": "MIT", "g": "GNU GPL v2",
         "h": "GPL-2.0-only AND LGPL-2.1-only", "i": "LGPL-2.1-or-later AND MIT",
     }  # fmt: skip
-    assert strong_copyleft(said) == ["c", "d", "e", "g", "h"]
+    assert strong_copyleft(output) == ["c", "d", "e", "g", "h"]

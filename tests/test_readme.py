@@ -20,7 +20,7 @@ from srl.runtime.contracts import registry
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-PATIENCE = 100  # s
+TIMEOUT = 100  # s
 
 
 def block(name: str) -> str:
@@ -46,7 +46,7 @@ class Shell:
     def types(self, lines: str) -> str:
         done = subprocess.run(
             ["sh", "-ec", lines], cwd=self.folder, env=self.environment, capture_output=True, text=True,
-            timeout=PATIENCE, check=False,
+            timeout=TIMEOUT, check=False,
         )  # fmt: skip
         assert done.returncode == 0, f"{lines}\n{done.stdout}\n{done.stderr}"
         return done.stdout
@@ -60,10 +60,10 @@ def shell(tmp_path: Path) -> Shell:
 @pytest.mark.slow
 @pytest.mark.timeout(500)
 def test_five_minutes(shell: Shell) -> None:
-    said = "".join(map(shell.types, block("simulation").splitlines()))
-    assert "identical" in said
+    output = "".join(map(shell.types, block("simulation").splitlines()))
+    assert "identical" in output
     assert (shell.folder / "hand.png").read_bytes().startswith(b"\x89PNG")
-    assert "sixth-finger" in said
+    assert "sixth-finger" in output
 
 
 @pytest.mark.slow
@@ -71,22 +71,22 @@ def test_five_minutes(shell: Shell) -> None:
 def test_half_an_hour_as_far_as_it_goes_without_a_device(shell: Shell) -> None:
     shell.types(block("profile"))
     shell.types(block("rehearsal"))
-    told = {"cwd": shell.folder, "env": shell.environment}
+    reported = {"cwd": shell.folder, "env": shell.environment}
     *before, served = block("twin").splitlines()
     shell.types("\n".join(before))
-    with ended(["sh", "-c", f"exec {served}"], **told) as twin:
-        until(lambda: (shell.folder / "ports" / "finger").exists() or twin.poll() is not None, timeout=PATIENCE)
-        with ended(["sh", "-c", f"exec {block('run')}"], **told) as run:
+    with ended(["sh", "-c", f"exec {served}"], **reported) as twin:
+        until(lambda: (shell.folder / "ports" / "finger").exists() or twin.poll() is not None, timeout=TIMEOUT)
+        with ended(["sh", "-c", f"exec {block('run')}"], **reported) as run:
             start, stop = block("requests").splitlines()
-            until(lambda: ready(shell) or run.poll() is not None, timeout=PATIENCE)
+            until(lambda: ready(shell) or run.poll() is not None, timeout=TIMEOUT)
             shell.types(start)
             shell.types(stop)
-            out, said = run.communicate(timeout=PATIENCE)
-            assert run.returncode == 0, out + said
+            out, output = run.communicate(timeout=TIMEOUT)
+            assert run.returncode == 0, out + output
     assert "identical" in shell.types("srl replay rehearsal.rrd")
     (doctor,) = re.findall(r"`(srl doctor [^`]*)`", README)
     done = subprocess.run(
-        doctor.split(), **told, capture_output=True, text=True, timeout=PATIENCE, check=False,
+        doctor.split(), **reported, capture_output=True, text=True, timeout=TIMEOUT, check=False,
         executable=str(shell.folder.parent / "bin" / "srl"),
     )  # fmt: skip
     assert "ttyUSB0" in done.stdout + done.stderr  # the real port, which isn't here
@@ -97,7 +97,7 @@ def ready(shell: Shell) -> bool:
     """Whether the run waits for its start."""
     done = subprocess.run(
         ["srl", "top", "--once"], cwd=shell.folder, env=shell.environment, capture_output=True, text=True,
-        timeout=PATIENCE, check=False, executable=str(shell.folder.parent / "bin" / "srl"),
+        timeout=TIMEOUT, check=False, executable=str(shell.folder.parent / "bin" / "srl"),
     )  # fmt: skip
     return done.returncode == 0 and "ready" in done.stdout
 

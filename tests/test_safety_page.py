@@ -10,8 +10,8 @@ import pytest
 from srl.runtime.bus import requests
 from srl.runtime.contracts import registry
 from srl.runtime.ipc import control_socket, latches
+from srl.runtime.ipc.header import CLIENTS, Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind
-from srl.runtime.ipc.words import CLIENTS, Cause, Latch, Origin, State
 from srl.runtime.loop import device, process, rate, realtime, reset_inputs
 from srl.runtime.loop.machine import Machine
 from srl.runtime.profile import profile
@@ -85,7 +85,7 @@ def test_the_safety_pages_times_and_counts_are_the_codes() -> None:
     text = (DOCS / "safety.md").read_text()
     overrun = profile.Faults().overrun
     ages = {name: registry.load("drivers", name, "").max_age for name in ("cyberglove", "firmata", "panda")}
-    lives = (control_socket.LIFETIME * 1e-9, requests.PATIENCE * 1e-9)
+    lives = (control_socket.LIFETIME * 1e-9, requests.TIMEOUT * 1e-9)
     promised: dict[str, tuple[float, ...]] = {
         r"is stale after `max_age` \((\S+) s\)": (ages["cyberglove"],),
         r"board stops answering \| It is stale after (\S+) s": (ages["firmata"],),
@@ -94,7 +94,7 @@ def test_the_safety_pages_times_and_counts_are_the_codes() -> None:
         r"As above, after (\d+) ms plus two periods": (supervisor.HUNG * 1e-6,),
         r"as they can: (\d+) s\.\)": (supervisor.HUNG_UNPACED * 1e-9,),
         r"kills the loop after (\d+) ms plus two periods": (realtime.STUCK * 1e-6,),
-        r"tries for (\S+) s, twice": (actuators.PATIENCE,),
+        r"tries for (\S+) s, twice": (actuators.TIMEOUT,),
         r"open the glove again every (\S+) s": (device.RETRY,),
         r"the ring holds about (\d+) s of rows": (process.KEPT,),
         r"released for (\d+) ms or more": (reset_inputs.RELEASED * 1e-6,),
@@ -115,9 +115,9 @@ def test_the_safety_pages_times_and_counts_are_the_codes() -> None:
 def test_the_machine_ends_the_stops_that_the_safety_page_says(latch: Latch, origin: Origin) -> None:
     (row,) = (line for line in latches.table().splitlines() if f"| `{latches.names(latch)[0]}` |" in line)
     column = Origin.BUS if origin in CLIENTS else origin  # a role in the network is a client like any other
-    said = row.split(" | ")[1 + column].strip("| ")
+    output = row.split(" | ")[1 + column].strip("| ")
     for granted in (latches.NONE, latches.GRANTED, latches.GRANTABLE):
         machine = Machine(profile.Faults(), (), automatic=True, standing=latch, granted=granted)
         done = machine.request(RequestKind.RESET, origin, 0, None) is Answer.DONE
-        expected = said == "yes" or (said != "no" and bool(latch & granted))
-        assert done == expected, (said, granted)
+        expected = output == "yes" or (output != "no" and bool(latch & granted))
+        assert done == expected, (output, granted)

@@ -15,7 +15,7 @@ from srl.commissioning.calibration.keyed import Keyed
 from srl.commissioning.calibration.panel import NO_JOINT, PanelScreen
 from srl.commissioning.calibration.servos.procedure import Procedure
 from srl.commissioning.calibration.sources import Rows, RowSource, Tap
-from srl.commissioning.jog.cut import Cut
+from srl.commissioning.jog.profile_subset import Cut
 from srl.commissioning.jog.session import Session
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.ipc.ring import RingReader
@@ -71,8 +71,8 @@ class Drive(RowSource):
             supervisor = self._session.supervisor
             assert supervisor is not None
             assert supervisor.layout is not None
-            self.taps = tap(supervisor.layout, cut.source.label)
-            self._mark = [p["name"] for p in supervisor.layout.meta["parameters"]].index(self.taps.parameter)
+            self.channel_map = tap(supervisor.layout, cut.source.label)
+            self._mark = [p["name"] for p in supervisor.layout.meta["parameters"]].index(self.channel_map.parameter)
             self._rows = RingReader(supervisor.run_folder.rows, width=supervisor.layout.width)
         except BaseException:
             self.close()
@@ -118,9 +118,9 @@ class Drive(RowSource):
                 self._rows.close()
                 self._rows = None
             if self.screen is not None:
-                for text in self.screen.told:
+                for text in self.screen.reported:
                     self._report(text)
-                self.screen.told.clear()
+                self.screen.reported.clear()
 
     def _turn(self) -> None:
         """One look of the run at terminal and loop. Raises QuitError: it is over."""

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.cut import MARKS
 from srl.commissioning.calibration.ikns.marks import MarksConfig
 from srl.commissioning.calibration.ikns.samples import Samples
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.profile_subset import MARKS
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout
@@ -20,7 +20,7 @@ _FRAME: Final = "chest"  # of a hand whose law doesn't say in which frame it giv
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
+class ChannelMap(RunChannels):
     """Places among a row's float64 words.
 
     Attributes:
@@ -64,7 +64,7 @@ class Taps(RunTaps):
         return Samples(self.times(rows), angles, hand, self.marks(floats))
 
 
-def taps(layout: Layout, place: str, own: MarksConfig | None = None) -> Taps:
+def channel_map(layout: Layout, place: str, own: MarksConfig | None = None) -> ChannelMap:
     """Finds them by the marks' law in the layout's profile.
 
     Args:
@@ -84,13 +84,13 @@ def taps(layout: Layout, place: str, own: MarksConfig | None = None) -> Taps:
     return _of(layout, place, own, None)
 
 
-def _of(layout: Layout, place: str, options: MarksConfig, mark: str | None) -> Taps:
+def _of(layout: Layout, place: str, options: MarksConfig, mark: str | None) -> ChannelMap:
     names = list(options.angles)
     hand = layout.fields.get(options.hand)
     if hand is None or hand.shape != (7,):
         problem = f"there is no pose '{options.hand}' in it"
         raise RecordingError(place, problem, "Use a recording of the profile that is calibrated")
-    return Taps(
+    return ChannelMap(
         layout, None if mark is None else layout.fields[mark].offset, options, hand.frame or _FRAME,
         words(layout, list(options.angles.values()), place), words(layout, list(options.held.values()), place),
         np.array([names.index(joint) for joint in options.held], np.intp), hand.offset,

@@ -1,4 +1,7 @@
-"""A device that is calibrated: which it is, and the file that it names. `cut_devices` leaves it alone in a profile."""
+"""A device that is calibrated: which it is, and the file that it names.
+
+`subset_of_devices` leaves it alone in a profile.
+"""
 
 from __future__ import annotations
 

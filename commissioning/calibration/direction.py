@@ -18,7 +18,7 @@ from srl.control.ikns.record import Record
 from srl.runtime.contracts.errors import RequestError
 
 
-class Senses:
+class Directions:
     """The files whose sense may be kept, as they are before the calibration."""
 
     def __init__(self, named: Path | None, others: Sequence[Path]) -> None:
@@ -48,14 +48,14 @@ class Senses:
 
     def kept(self, result: Result) -> Result:
         """The calibration with the sense of the file that fits, if there is one; its result names both."""
-        fitting = self.of(result.taps.options)
+        fitting = self.of(result.channel_map.options)
         if fitting is None:
             return result
         path, made = fitting
         turned = tuple(dof for dof, cosine in zip(result.dofs, _cosines(result, made), strict=True) if cosine < 0.0)
         for dof in turned:
             result = result.flipped(dof)
-        return replace(result, sense=path, turned=turned)
+        return replace(result, direction=path, turned=turned)
 
 
 def standing(path: Path) -> Record | None:
@@ -80,7 +80,7 @@ def _cosines(result: Result, made: Record) -> list[float]:
     found, older = result.found, made.calibration()
     near = np.linalg.norm(found.sites[:, None] - older.sites, axis=2).argmin(axis=1)
     dofs, joints = ([have.index(name) for name in want] for have, want in (
-        (made.dofs, result.dofs), (made.joints, result.taps.joints),
+        (made.dofs, result.dofs), (made.joints, result.channel_map.joints),
     ))  # fmt: skip
     theirs = older.directions[near][:, dofs][:, :, joints]
     lengths = np.linalg.norm(found.directions, axis=2) * np.linalg.norm(theirs, axis=2)

@@ -52,14 +52,14 @@ class Guide:
             if len(rows):
                 if self.first is None:
                     self.first = rows
-                self.samples.append(self._source.taps.samples(rows))
+                self.samples.append(self._source.channel_map.samples(rows))
                 self._feed(rows, self.samples[-1])
             self._screen.show(procedure.view())
 
     def _feed(self, rows: Rows, samples: Any) -> None:
         """Feeds the procedure on a clock that stands while the run is stopped: no step ends meanwhile."""
-        taps = self._source.taps
-        times, active = taps.times(rows), taps.active(rows)
+        channel_map = self._source.channel_map
+        times, active = channel_map.times(rows), channel_map.active(rows)
         steps = np.diff(times, prepend=times[0] if self._newest is None else self._newest)
         self._newest = times[-1]
         clock = self._clock + np.where(active, steps, 0.0).cumsum()

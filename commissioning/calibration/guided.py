@@ -17,13 +17,13 @@ class Bar:
     Attributes:
         name: what it is of.
         share: 0 to 1 of its length; None: only text.
-        said: beside it.
+        output: beside it.
         good: whether it is as it should be; None: there is no such thing.
     """
 
     name: str
     share: float | None
-    said: str
+    output: str
     good: bool | None = None
 
 

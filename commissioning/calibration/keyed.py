@@ -14,7 +14,7 @@ from rich.text import Text
 from srl.commissioning.calibration.guided import View
 from srl.commissioning.calibration.screen import Screen, picture
 from srl.commissioning.jog.screen import View as Joints
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 
 KEYS: Final = "left, right held: move it   , . finely   Space, Esc: STOP   any other key brakes"
 _GUIDES: Final = ("enter", "backspace")
@@ -31,15 +31,15 @@ class Keyed(Screen):
         self._view: View | None = None
         self._question = self._typed = ""
         self._commands: deque[str] = deque()
-        self.told: list[str] = []  # all that was said: the terminal's screen is gone afterwards
+        self.reported: list[str] = []  # all that was said: the terminal's screen is gone afterwards
 
     def show(self, view: View) -> None:
         self._view = view
 
     def say(self, text: str) -> None:
-        self.told.append(text)
+        self.reported.append(text)
 
-    said = say
+    output = say
 
     def command(self) -> str:
         return self._commands.popleft() if self._commands else "none"
@@ -85,5 +85,5 @@ class Keyed(Screen):
             console.print(picture(self._title, self._view, self._typed))
         shown: list[str] = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
         room = height - len(shown)
-        said = [line for text in self.told[-40:] for line in wrap(text, width)]
-        return [*shown, *(said[-room:] if room > 0 else ())]
+        output = [line for text in self.reported[-40:] for line in wrap(text, width)]
+        return [*shown, *(output[-room:] if room > 0 else ())]

@@ -16,13 +16,13 @@ from srl.runtime.contracts.errors import HostError
 from srl.runtime.contracts.files import encoded
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.ipc.launch import Launch
 from srl.runtime.ipc.requests import RequestKind, RequestWriter
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, Cause, State
 from srl.runtime.profile.source import Source
-from srl.runtime.service import standing
+from srl.runtime.service import persistent_latches
 from srl.runtime.service.helpers import helpers
 from srl.runtime.service.supervisor import Supervisor, state_dir
 
@@ -62,7 +62,7 @@ class Live(RowSource):
         self.folder = RunFolder.of(instance)
         self.folder.claim()
         self._report = report
-        self._reset, self._told = 0.0, ""
+        self._reset, self._reported = 0.0, ""
         self._rows: RingReader | None = None
         self._over = False
         try:
@@ -76,7 +76,7 @@ class Live(RowSource):
                 False,
                 None,
                 True,
-                latches.names(standing.read(state_dir(instance), report)),
+                latches.names(persistent_latches.read(state_dir(instance), report)),
                 record is not None,
             )
             self.supervisor = Supervisor(
@@ -88,9 +88,9 @@ class Live(RowSource):
             if not self.supervisor.running or self.supervisor.layout is None:
                 raise self.supervisor.error or HostError(instance, "the run ended before it began", "Try `srl run`")
             layout = self.supervisor.layout
-            self.taps = tap(layout, source.label)
+            self.channel_map = tap(layout, source.label)
             names = [p["name"] for p in layout.meta["parameters"]]
-            self._target = names.index(self.taps.parameter)
+            self._target = names.index(self.channel_map.parameter)
             self._rows = RingReader(self.folder.rows, width=layout.width)
             self._requests = RequestWriter(self.folder.requests)
         except BaseException:
@@ -112,7 +112,7 @@ class Live(RowSource):
             raise HostError("rows", f"{self._rows.lost} were overwritten before they were read", "Free the processor")
         if len(rows):
             self._tell(rows[-1])
-            if self.taps.may_begin_again(rows[-1]):
+            if self.channel_map.may_begin_again(rows[-1]):
                 self._begin_again(int(rows[-1][CYCLE.wake]))
         return rows
 
@@ -131,15 +131,15 @@ class Live(RowSource):
         """Says once what has stopped the run, and what to do."""
         state, cause = State(int(row[CYCLE.state])), Cause(int(row[CYCLE.cause])).name.lower().replace("_", " ")
         text = ""
-        if self.taps.lost(row):
+        if self.channel_map.lost(row):
             text = "a device is lost: it goes on by itself once it is there again"
         elif state is State.STOPPED:
             kept = ", ".join(latches.names(int(row[CYCLE.latches]))) or "nothing"
             name = self.folder.path.name
             text = f"stopped ({cause}; latched: {kept}), so nothing counts: `srl reset {name}` goes on, q ends"
-        if text and text != self._told:
+        if text and text != self._reported:
             self._report(text)
-        self._told = text
+        self._reported = text
 
     def _begin_again(self, seen: int) -> None:
         """Ends the stop after a loss of the mocap; not one that came after `seen`, CLOCK_MONOTONIC ns of the row."""

@@ -12,11 +12,11 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pydantic import ValidationError
 
-from srl.commissioning.calibration.cut import find
 from srl.commissioning.calibration.guided import Procedure, Samples
 from srl.commissioning.calibration.live import Live
-from srl.commissioning.calibration.order import Order
-from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.profile_subset import find
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.sources import RowSource, Simulated
 from srl.runtime.contracts.entry import BaseModel
@@ -35,7 +35,7 @@ class Outcome(Protocol):
         """Why it can't be used; none if it can."""
 
 
-T = TypeVar("T", bound=RunTaps)
+T = TypeVar("T", bound=RunChannels)
 R = TypeVar("R", bound=Outcome)
 M = TypeVar("M", bound=BaseModel)
 Say = Callable[[str], None]
@@ -52,7 +52,7 @@ class Method(ABC, Generic[T, R]):
         error: what `compute` raises where nothing can be computed.
         next: the keys at the end, besides those that every method has.
         thing: what `--redo` counts.
-        report: the module whose `lines`, `figures` and `draw` tell of a result; else these are the method's own.
+        report: the module whose `lines`, `metrics` and `draw` tell of a result; else these are the method's own.
         personal: whether it is a person's calibration, with an id; else a device's.
     """
 
@@ -69,12 +69,12 @@ class Method(ABC, Generic[T, R]):
     def __init_subclass__(cls) -> None:
         cls.name = cls.name or cls.law
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         """Reads what the command line says. Raises RequestError."""
         self.order, self.checked, self.source, self.target, self.say = order, checked, source, target, say
 
     @classmethod
-    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         """The file that the profile names, if it names one. Raises ProfileError."""
         return named(checked, source, cls)
 
@@ -84,14 +84,14 @@ class Method(ABC, Generic[T, R]):
 
     def simulated(self, made: Profile, text: Source) -> RowSource:
         """Where its rows come from with `--sim`. Raises SrlError."""
-        return Simulated(made, text, self.taps, self.say, self.order.record)
+        return Simulated(made, text, self.channel_map, self.say, self.order.record)
 
     def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
         """Where they come from live; `name`: the instance's. Raises SrlError: it doesn't start."""
-        return Live(text, self.taps, name, record, self.order.view, self.say)
+        return Live(text, self.channel_map, name, record, self.order.view, self.say)
 
     @abstractmethod
-    def taps(self, layout: Layout, place: str) -> T:
+    def channel_map(self, layout: Layout, place: str) -> T:
         """Where the calibration's signals are in a layout. Raises RecordingError."""
 
     @abstractmethod
@@ -106,7 +106,7 @@ class Method(ABC, Generic[T, R]):
     def ended(self, samples: Any) -> Samples:
         """The samples of a whole recording: a trial in which it ended was broken off, so it doesn't count."""
 
-    def ready(self, taps: T) -> None:
+    def ready(self, channel_map: T) -> None:
         """Checks, before anybody begins, what must fit what is recorded. Raises RequestError."""
 
     @abstractmethod
@@ -114,7 +114,7 @@ class Method(ABC, Generic[T, R]):
         """What leads through it; `before`: samples of an earlier one, of which something is done again."""
 
     @abstractmethod
-    def compute(self, taps: T, parts: Sequence[Samples], date: datetime.date) -> R:
+    def compute(self, channel_map: T, parts: Sequence[Samples], date: datetime.date) -> R:
         """Computes it from runs, in their order. Raises `error`."""
 
     def command(self, result: R, typed: str) -> R | None:
@@ -130,9 +130,9 @@ class Method(ABC, Generic[T, R]):
         found: list[str] = self.report.lines(result)
         return found
 
-    def figures(self, result: R) -> dict[str, Any]:
+    def metrics(self, result: R) -> dict[str, Any]:
         """The report as JSON types; SI units."""
-        found: dict[str, Any] = self.report.figures(result)
+        found: dict[str, Any] = self.report.metrics(result)
         return found
 
     def draw(self, result: R, png: Path) -> None:
@@ -144,7 +144,9 @@ class Method(ABC, Generic[T, R]):
         """What the file holds. Raises RecordError."""
 
 
-def settings(order: Order, kinds: Mapping[str, type[BaseModel]], given: Sequence[str] = ()) -> dict[str, Any]:
+def settings(
+    order: CalibrationRequest, kinds: Mapping[str, type[BaseModel]], given: Sequence[str] = ()
+) -> dict[str, Any]:
     """Groups of options by name, with what `--option KEY=VALUE` says. Raises RequestError.
 
     Args:

@@ -45,7 +45,7 @@ def cut(
     thresholds: Thresholds,
     sim: bool = False,
 ) -> tuple[Profile, Source]:
-    """Returns the profile that is cut for `ikns`, with the marks' law at its end; as in `cut_to`.
+    """Returns the profile that is cut for `ikns`, with the marks' law at its end; as in `subset_for`.
 
     Args:
         checked, source: the whole profile.
@@ -54,10 +54,10 @@ def cut(
         thresholds: of the calibration.
         sim: keep the names of the simulated world's parts, on which frames may hang.
     """
-    return cut_to(checked, source, LAW, ("angles", "hand"), partial(_marks, person, dofs, thresholds), sim)
+    return subset_for(checked, source, LAW, ("angles", "hand"), partial(_marks, person, dofs, thresholds), sim)
 
 
-def cut_to(
+def subset_for(
     checked: Profile, source: Source, use: str, reads: Sequence[str], marks: Marks, sim: bool,
     only: Sequence[str] | None = None, scene: Scene | None = None,
 ) -> tuple[Profile, Source]:  # fmt: skip
@@ -83,14 +83,14 @@ def cut_to(
             )
     kept, devices = _needed(checked, source, law, only)
     _still(checked, source, kept, devices)
-    return cut_devices(checked, source, devices, lambda before: marks(before, entry), sim, scene, kept)
+    return subset_of_devices(checked, source, devices, lambda before: marks(before, entry), sim, scene, kept)
 
 
-def cut_devices(
+def subset_of_devices(
     checked: Profile, source: Source, devices: set[str], marks: Callable[[Graph], dict[str, Any]], sim: bool,
     scene: Scene | None = None, kept: Sequence[int] = (),
 ) -> tuple[Profile, Source]:  # fmt: skip
-    """Returns the profile with these devices and laws alone, and the marks' law at its end; as in `cut_to`.
+    """Returns the profile with these devices and laws alone, and the marks' law at its end; as in `subset_for`.
 
     Args:
         devices: that are kept. Raises WiringError: one of them takes commands.

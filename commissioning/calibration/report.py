@@ -20,7 +20,7 @@ from srl.runtime.contracts.signals import Array
 _COLORS = ("#0072B2", "#E69F00", "#009E73")  # Okabe and Ito's, one a DoF
 
 
-def figures(result: Result) -> dict[str, Any]:
+def metrics(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     found = result.found
     points = [
@@ -42,17 +42,17 @@ def figures(result: Result) -> dict[str, Any]:
         for i, number in enumerate(result.numbers)
     ]
     return {
-        "person": result.taps.options.person,
+        "person": result.channel_map.options.person,
         "date": result.date.isoformat(),
-        "simulated": result.taps.simulated,
-        "frame": result.taps.frame,
-        "joints": list(result.taps.joints),
+        "simulated": result.channel_map.simulated,
+        "frame": result.channel_map.frame,
+        "joints": list(result.channel_map.joints),
         "dofs": list(result.dofs),
         "still": found.still,
         "lost": found.lost,
         "noise_per_mm": _noise(result),
         "crosstalk": crosstalk(result),
-        "sense": {"file": None if result.sense is None else str(result.sense), "turned": list(result.turned)},
+        "sense": {"file": None if result.direction is None else str(result.direction), "turned": list(result.turned)},
         "points": points,
         "refusals": [{"place": r.place, "problem": r.problem, "remedy": r.remedy} for r in result.refusals],
     }
@@ -67,10 +67,10 @@ def crosstalk(result: Result) -> float | None:
 
 def lines(result: Result) -> list[str]:
     """The report as text."""
-    found, told = result.found, figures(result)
-    who = f"person {told['person']}{' (simulated)' if told['simulated'] else ''}"
+    found, reported = result.found, metrics(result)
+    who = f"person {reported['person']}{' (simulated)' if reported['simulated'] else ''}"
     text = [
-        f"{who}, {told['date']}: {len(result.numbers)} points, {', '.join(result.dofs)}; "
+        f"{who}, {reported['date']}: {len(result.numbers)} points, {', '.join(result.dofs)}; "
         f"{found.still:.0%} of the samples with the hand still, {found.lost:.1%} without angles or hand"
     ]
     text.append("  point  degree of freedom  kept  range rad  explained  noise of c per mm  hand mm rms")
@@ -81,14 +81,14 @@ def lines(result: Result) -> list[str]:
                 f"  {number:5d}  {dof:<17}  {found.samples[i, j]:4d}  {found.upper[i, j] - found.lower[i, j]:9.2f}"
                 f"  {found.explained[i, j]:9.0%}  {noise:>17}  {1e3 * found.wander[i]:11.1f}"
             )
-    if told["noise_per_mm"]:
-        each = ", ".join(f"{dof} {value:.4f}" for dof, value in told["noise_per_mm"].items())
+    if reported["noise_per_mm"]:
+        each = ", ".join(f"{dof} {value:.4f}" for dof, value in reported["noise_per_mm"].items())
         text.append(f"  expected noise of c per mm of marker noise, mean of the points: {each}")
-    if result.sense is not None:
+    if result.direction is not None:
         turned = f": {', '.join(result.turned)} turned round for it" if result.turned else ""
-        text.append(f"  the sense is that of {result.sense}{turned}")
-    if told["crosstalk"] is not None:
-        share = f"{told['crosstalk']:.3f}"
+        text.append(f"  the sense is that of {result.direction}{turned}")
+    if reported["crosstalk"] is not None:
+        share = f"{reported['crosstalk']:.3f}"
         text.append(f"  while one DoF moves, another goes through {share} of its range at most (in these samples)")
     return text
 
@@ -100,9 +100,9 @@ def draw(result: Result, png: Path) -> None:
     wide = 0.8 / len(result.dofs)
     at = np.arange(len(result.numbers))
     panels: list[tuple[str, Array, float | None]] = [
-        ("range, rad", found.upper - found.lower, result.taps.options.thresholds.range),
-        ("variance explained", found.explained, result.taps.options.thresholds.explained),
-        ("samples kept", found.samples.astype(float), float(result.taps.options.thresholds.samples)),
+        ("range, rad", found.upper - found.lower, result.channel_map.options.thresholds.range),
+        ("variance explained", found.explained, result.channel_map.options.thresholds.explained),
+        ("samples kept", found.samples.astype(float), float(result.channel_map.options.thresholds.samples)),
     ]
     if result.noise is not None:
         panels.append(("expected noise of c per mm of marker noise", result.noise, None))
@@ -119,9 +119,9 @@ def draw(result: Result, png: Path) -> None:
         axes.tick_params(labelsize=8)
     figure.axes[-1].set_xlabel("point", fontsize=8)
     figure.axes[1].legend(fontsize=8, loc="lower right")
-    told = crosstalk(result)
-    talk = "" if told is None else f", crosstalk up to {told:.3f} (in sample)"
-    who = f"{result.taps.options.person}{' (simulated)' if result.taps.simulated else ''}"
+    reported = crosstalk(result)
+    talk = "" if reported is None else f", crosstalk up to {reported:.3f} (in sample)"
+    who = f"{result.channel_map.options.person}{' (simulated)' if result.channel_map.simulated else ''}"
     figure.suptitle(f"IKNS calibration of {who}, {result.date.isoformat()}{talk}", fontsize=11)
     save(figure, png)
 
@@ -146,7 +146,7 @@ def _space(axes: Any, result: Result) -> None:
     axes.set_zlabel("z, m")
     axes.tick_params(labelsize=7)
     axes.set_aspect("equal")
-    axes.set_title(f"hand in {result.taps.frame}: samples of the trials, points and hull", fontsize=9)
+    axes.set_title(f"hand in {result.channel_map.frame}: samples of the trials, points and hull", fontsize=9)
 
 
 def _noise(result: Result) -> dict[str, float | None] | None:

@@ -13,7 +13,7 @@ _IKNS: Final = {"only": "ikns"}
 
 
 @dataclass(frozen=True)
-class Order:
+class CalibrationRequest:
     """What is wanted; the options of `srl calibrate`. `only` in an option's metadata: the law whose alone it is."""
 
     profile: str
@@ -30,7 +30,7 @@ class Order:
     dofs: str | None = field(default=None, metadata=_IKNS)
     points: int | None = field(default=None, metadata=_IKNS)
     flip: Sequence[str] = field(default=(), metadata=_IKNS)
-    sense: Path | None = field(default=None, metadata=_IKNS)
+    direction: Path | None = field(default=None, metadata=_IKNS)
     actions: str | None = field(default=None, metadata={"only": "intention"})
     option: Sequence[str] = ()
     set: Sequence[str] = ()

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from srl.commissioning.calibration.channel_map import ChannelMap
 from srl.commissioning.calibration.ikns.samples import Samples, joined, trials, whole
-from srl.commissioning.calibration.taps import Taps
 from srl.commissioning.calibration.target import write_record
 from srl.control.ikns import record
 from srl.control.ikns.arm_angles import ArmAnglesConfig, one_arm
@@ -27,31 +27,31 @@ class Result:
     """A calibration with what its report tells. N points, k DoFs, n joints.
 
     Attributes:
-        taps: names and options.
+        channel_map: names and options.
         recording: the samples that it was made from.
         found: the calibration.
         numbers: by which the person knows each point.
         date: of the recording.
         noise: (N, k), standard deviation of c per mm of marker noise; None where angles aren't from markers.
         refusals: why it can't be used; none if it can.
-        sense: the file whose sense was kept; None if there was none.
+        direction: the file whose sense was kept; None if there was none.
         turned: DoFs that were turned round for it.
     """
 
-    taps: Taps
+    channel_map: ChannelMap
     recording: Recording
     found: Calibration
     numbers: tuple[int, ...]
     date: datetime.date
     noise: Array | None
     refusals: tuple[CalibrationError, ...]
-    sense: Path | None = None
+    direction: Path | None = None
     turned: tuple[str, ...] = ()
 
     @property
     def dofs(self) -> tuple[str, ...]:
         """Names of the degrees of freedom."""
-        return self.taps.options.dofs
+        return self.channel_map.options.dofs
 
     def flipped(self, dof: str) -> Result:
         """The same with the sense of a DoF turned round. Raises RequestError: there is no such DoF."""
@@ -61,23 +61,23 @@ class Result:
 
     def record(self) -> record.Record:
         """What the file holds. Raises RecordError."""
-        options = self.taps.options
+        options = self.channel_map.options
         return record.Record.of(
             self.found, options.thresholds, person=options.person, date=self.date,
-            simulated=self.taps.simulated, rate=self.taps.rate,
-            frame=self.taps.frame, joints=self.taps.joints, dofs=self.dofs,
-            bodies=self.taps.bodies,
+            simulated=self.channel_map.simulated, rate=self.channel_map.rate,
+            frame=self.channel_map.frame, joints=self.channel_map.joints, dofs=self.dofs,
+            bodies=self.channel_map.bodies,
         )  # fmt: skip
 
 
-def compute(taps: Taps, parts: Sequence[Samples], date: datetime.date) -> Result:
+def compute(channel_map: ChannelMap, parts: Sequence[Samples], date: datetime.date) -> Result:
     """Computes the calibration of runs, in their order; with marks, the last trial at each point counts.
 
     Raises:
         CalibrationError: nothing can be computed, so `refusals` would have nothing to look at.
     """
-    samples, options = joined(parts), taps.options
-    if taps.mark is None:
+    samples, options = joined(parts), channel_map.options
+    if channel_map.mark is None:
         if len(options.dofs) > 1:
             problem = f"it has no marks, so it can't tell {len(options.dofs)} degrees of freedom apart"
             raise CalibrationError("recording", problem, "Record with `srl calibrate`, or use one: --dofs swivel")
@@ -87,13 +87,13 @@ def compute(taps: Taps, parts: Sequence[Samples], date: datetime.date) -> Result
         recording, numbers = trials(samples, len(options.dofs))
     found = calibrate(recording, options.thresholds)
     reasons = refusals(found, options.thresholds, numbers)
-    return Result(taps, recording, found, numbers, date, _noise(taps, recording, found), reasons)
+    return Result(channel_map, recording, found, numbers, date, _noise(channel_map, recording, found), reasons)
 
 
-def _noise(taps: Taps, recording: Recording, found: Calibration) -> Array | None:
+def _noise(channel_map: ChannelMap, recording: Recording, found: Calibration) -> Array | None:
     """Of the fit that the run's own law makes; None if its angles come from something else."""
-    meta = taps.layout.meta
-    owners = {reference.partition(".")[0] for reference in taps.options.angles.values()}
+    meta = channel_map.layout.meta
+    owners = {reference.partition(".")[0] for reference in channel_map.options.angles.values()}
     files = Files(Path(meta["label"]).parent, decoded(meta.get("files", {}), meta["label"]))
     checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"], files)
     laws = wiring.build(checked, source, [] if meta["simulated"] else None).controllers
@@ -101,7 +101,7 @@ def _noise(taps: Taps, recording: Recording, found: Calibration) -> Array | None
     options = None if law is None else law.config
     if not isinstance(options, ArmAnglesConfig) or options.segments:
         return None
-    return noise_of_c(one_arm(options.body.body, options.side), taps.joints, _postures(recording, found), found)
+    return noise_of_c(one_arm(options.body.body, options.side), channel_map.joints, _postures(recording, found), found)
 
 
 def _postures(recording: Recording, found: Calibration) -> Array:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from srl.commissioning.calibration.guided import Samples
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
 from srl.runtime.models.models import bodies
 from srl.runtime.profile import profile
 from srl.runtime.profile.plots import indices, split
@@ -22,7 +22,7 @@ from srl.runtime.profile.profile import ControllerEntry, Profile
 
 
 @dataclass(frozen=True)
-class RunTaps(ABC):
+class RunChannels(ABC):
     """Places among a row's float64 words.
 
     Attributes:

@@ -17,8 +17,8 @@ from typing import Any, Final
 from srl.commissioning.calibration.guide import Guide, QuitError
 from srl.commissioning.calibration.guided import Procedure, Samples
 from srl.commissioning.calibration.method import Method, Outcome
-from srl.commissioning.calibration.order import Order
-from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Report, Screen
 from srl.commissioning.calibration.sources import RowSource, recorded
 from srl.commissioning.calibration.target import check_target, write_record
@@ -26,7 +26,7 @@ from srl.runtime.contracts.errors import RequestError, SrlError
 from srl.runtime.ipc.launch import ANONYMOUS
 from srl.runtime.ipc.run_folder import ROOM, free_bytes
 from srl.runtime.models.models import bodies
-from srl.runtime.profile import profile, shelf
+from srl.runtime.profile import library, profile
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 from srl.runtime.recording.segments import check_target as check_recording
@@ -58,7 +58,7 @@ def method_of(law: str) -> type[Method[Any, Any]]:
     return found
 
 
-def run(order: Order, screen: Screen) -> int:
+def run(order: CalibrationRequest, screen: Screen) -> int:
     """Returns 0 once the file is written, 130 after Ctrl-C. Errors are raised: a refused calibration is one."""
     kind = method_of(order.law)
     for option in fields(order):
@@ -72,9 +72,9 @@ def run(order: Order, screen: Screen) -> int:
     target = _target(order, checked, source, kind)
     method = kind(order, checked, source, target, screen.say)
     if order.recording:
-        taps, parts, date = _recorded(method, order.recording)
-        method.ready(taps)
-        result = method.compute(taps, parts, date)
+        channel_map, parts, date = _recorded(method, order.recording)
+        method.ready(channel_map)
+        result = method.compute(channel_map, parts, date)
         if not order.json:
             print("\n".join(method.lines(result)))
         return _finish(method, result)
@@ -147,7 +147,7 @@ def _guided(
     stop: Any = lambda: False,
 ) -> int:
     """Leads through the procedure until a file is written, or it is given up."""
-    method.ready(source.taps)
+    method.ready(source.channel_map)
     guide = Guide(source, procedure, screen, stop)
 
     def wait() -> None:
@@ -160,9 +160,9 @@ def _guided(
             guide.run()
             if guide.first is None:
                 raise method.error("recording", "no row has come", "Begin again")
-            date = source.taps.date(guide.first)
+            date = source.channel_map.date(guide.first)
             try:
-                again: Computed = method.compute(source.taps, [*before, *guide.samples], date)
+                again: Computed = method.compute(source.channel_map, [*before, *guide.samples], date)
             except method.error as error:
                 again = error
             answer, result = _decide(method, screen, again, wait)
@@ -231,7 +231,7 @@ def _write(method: Method[Any, Any], result: Computed) -> None:
         raise result
     if result.refusals:
         if order.json:
-            print(json.dumps(method.figures(result) | {"file": None, "report": None}))
+            print(json.dumps(method.metrics(result) | {"file": None, "report": None}))
         for reason in result.refusals[:-1]:
             print(f"srl calibrate: {reason}", file=sys.stderr)
         raise result.refusals[-1]
@@ -243,7 +243,7 @@ def _tell(method: Method[Any, Any], result: Computed) -> None:
     """Says what was written."""
     target, picture = method.target, _picture(method)
     if method.order.json:
-        print(json.dumps(method.figures(result) | {"file": str(target), "report": str(picture)}))
+        print(json.dumps(method.metrics(result) | {"file": str(target), "report": str(picture)}))
     else:
         print(f"{target}\n{picture}")
 
@@ -260,32 +260,36 @@ def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, lis
     found: Any = None
     parts: list[Samples] = []
     for path in paths:
-        taps, rows = recorded(path, method.taps)
-        if found is not None and not method.same(taps, found):
+        channel_map, rows = recorded(path, method.channel_map)
+        if found is not None and not method.same(channel_map, found):
             problem = "it isn't of the same calibration as the one before"
             raise RequestError(str(path), problem, "Name recordings of one calibration")
-        if found is not None and taps.person != found.person:
-            problem = f"it is of {taps.person}, the one before of {found.person}"
+        if found is not None and channel_map.person != found.person:
+            problem = f"it is of {channel_map.person}, the one before of {found.person}"
             raise RequestError(str(path), problem, "Name recordings of one person")
-        _check_origin(path, taps, found, method.checked, method.order)
-        if method.order.person not in (None, taps.person):
-            raise RequestError(str(path), f"it is of {taps.person}", "Name a recording of this person")
-        found = taps
-        parts.append(method.ended(taps.samples(rows)))
-        date = taps.date(rows)
+        _check_origin(path, channel_map, found, method.checked, method.order)
+        if method.order.person not in (None, channel_map.person):
+            raise RequestError(str(path), f"it is of {channel_map.person}", "Name a recording of this person")
+        found = channel_map
+        parts.append(method.ended(channel_map.samples(rows)))
+        date = channel_map.date(rows)
     return method.take(found), parts, date
 
 
-def _check_origin(path: Path, taps: RunTaps, before: RunTaps | None, checked: Profile, order: Order) -> None:
+def _check_origin(
+    path: Path, channel_map: RunChannels, before: RunChannels | None, checked: Profile, order: CalibrationRequest
+) -> None:
     """Raises RequestError: a recording is of another body, or simulated and the others aren't."""
-    theirs, ours = taps.bodies, bodies(checked.models)
+    theirs, ours = channel_map.bodies, bodies(checked.models)
     for name in sorted(theirs.keys() | ours.keys()):
         if (was := theirs.get(name)) != (now := ours.get(name)):
             problem = f"it was made with another body '{name}': {_differs(was, now)} in the profile"
             raise RequestError(str(path), problem, "Calibrate from the beginning, or set the body as it was")
-    others = taps.simulated if before is None else before.simulated
-    if taps.simulated != (order.sim if order.redo else others):
-        problem = "it is simulated, the rest isn't" if taps.simulated else "it is of a person, the rest is simulated"
+    others = channel_map.simulated if before is None else before.simulated
+    if channel_map.simulated != (order.sim if order.redo else others):
+        problem = (
+            "it is simulated, the rest isn't" if channel_map.simulated else "it is of a person, the rest is simulated"
+        )
         raise RequestError(str(path), problem, "Don't mix a person and the simulated wearer in one file")
 
 
@@ -296,7 +300,7 @@ def _differs(was: dict[str, Any] | None, now: dict[str, Any] | None) -> str:
     return next(f"{key} {was[key]}, now {now[key]}" for key in was if was[key] != now[key])
 
 
-def _target(order: Order, checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path:
+def _target(order: CalibrationRequest, checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path:
     file = kind.named(order, checked, source)
     if order.person is not None and not re.fullmatch(ANONYMOUS, order.person):
         problem = f"'{order.person}' isn't anonymous: up to four letters, then a number"
@@ -304,7 +308,7 @@ def _target(order: Order, checked: Profile, source: Source, kind: type[Method[An
     path = order.out or file
     if path is None:
         raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
-    if order.out is None and order.profile in shelf.shipped() and path.is_relative_to(source.files.folder):
+    if order.out is None and order.profile in library.shipped() and path.is_relative_to(source.files.folder):
         problem = f"the profile '{order.profile}' comes with srl, and its calibration file would be replaced"
         raise RequestError("-o", problem, "Say where the file goes, -o p07.json, or copy the profile")
     if path.is_symlink():

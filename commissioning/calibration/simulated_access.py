@@ -15,15 +15,15 @@ import numpy as np
 
 from srl.commissioning.calibration.servos.procedure import Procedure
 from srl.commissioning.calibration.sources import LOOK, RowFile, Rows, RowSource, Tap
-from srl.commissioning.jog.cut import PRESS, WAY, Cut
 from srl.commissioning.jog.hold import FINE, PAUSE, Hold
+from srl.commissioning.jog.profile_subset import PRESS, WAY, Cut
 from srl.commissioning.jog.session import FRESH
 from srl.control.setpoint.jog import HOLD, REST
 from srl.runtime.contracts.errors import ProfileError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Drive
 from srl.runtime.contracts.world import Fake
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED
 from srl.runtime.loop.lockstep import Lockstep
 
 _REPEAT: Final = 0.033  # s between repeats of a held key
@@ -33,7 +33,7 @@ _AFTER: Final = 0.3  # s for which they do
 _THERE: Final = 0.004  # rad, to which a hobby servo's dead band lets a joint be brought
 _LOOKS: Final = 0.6  # s without a key after which the person is sure of what is seen
 _WRONG: Final = 0.02  # rad, by which it must go the wrong way to be seen
-_PATIENCE: Final = 90.0  # s, for one angle
+_TIMEOUT: Final = 90.0  # s, for one angle
 
 
 class SimulatedDrive(RowSource):
@@ -43,7 +43,7 @@ class SimulatedDrive(RowSource):
         """Raises SrlError: the system can't be built, or its simulated joints can't be seen."""
         self._graph = cut.graph
         self._graph.layout.meta["wall"] = time.time_ns()
-        self.taps = tap(self._graph.layout, cut.source.label)
+        self.channel_map = tap(self._graph.layout, cut.source.label)
         self._lockstep = Lockstep(self._graph, report)
         self._period = 1.0 / float(cut.profile.rate)
         self._count = max(round(LOOK / self._period), 1)
@@ -65,7 +65,7 @@ class SimulatedDrive(RowSource):
         row = self._graph.row
         for each in rows:
             now = (self._lockstep.count + 1) * self._period
-            row.views[WAY][:], row.views[PRESS][:] = self._hold.told(now)
+            row.views[WAY][:], row.views[PRESS][:] = self._hold.reported(now)
             self._terminal[DEVICE.stamp] = (self._lockstep.count + 1) * self._lockstep.period
             self._lockstep.step()
             each[:] = row.words
@@ -77,7 +77,7 @@ class SimulatedDrive(RowSource):
     def begin(self, procedure: Any) -> None:
         self._procedure = procedure
         now = self._lockstep.count * self._period
-        self._graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self._graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self._hold.guide(procedure.step.moves, now)
         self._person.instruct(procedure.instruction(), now)
 
@@ -119,30 +119,30 @@ class _Person:
         """`there`: rad, how near an angle the hand lets go."""
         self._hold, self._there = hold, there
         self.done, self.lost = True, False
-        self._told = Drive(0, 0.0)
+        self._reported = Drive(0, 0.0)
         self._way, self._best = 1.0, np.inf
-        self._next = self._since = self._begun = 0.0
+        self._next = self._since = self._started = 0.0
 
     def instruct(self, instruction: object, now: float) -> None:
         """Begins another thing."""
         self.done = not isinstance(instruction, Drive)
         if isinstance(instruction, Drive):
-            self._told, self._way, self._best = instruction, 1.0, np.inf
-            self._begun = self._since = now
+            self._reported, self._way, self._best = instruction, 1.0, np.inf
+            self._started = self._since = now
             self._next = now + REST + PAUSE  # the keys are free for a while, or they'd move nothing
 
     def look(self, seen: Array, commanded: Array, now: float) -> None:
         """What is seen now, (n,) rad."""
-        told = self._told
-        off = float(told.angle - seen[told.joint]) if told.angle is not None else 0.0
-        if told.angle is None and told.commanded is not None:
-            off, self._way = float(told.commanded - commanded[told.joint]), 1.0  # the screen says which key
-        self.lost = now > self._begun + _PATIENCE
+        reported = self._reported
+        off = float(reported.angle - seen[reported.joint]) if reported.angle is not None else 0.0
+        if reported.angle is None and reported.commanded is not None:
+            off, self._way = float(reported.commanded - commanded[reported.joint]), 1.0  # the screen says which key
+        self.lost = now > self._started + _TIMEOUT
         if abs(off) > self._there:
             self._since = now
             if now >= self._next:
                 self._press(off, now)
-        self.done = now - max(self._since, self._begun + REST) >= _LOOKS
+        self.done = now - max(self._since, self._started + REST) >= _LOOKS
 
     def _press(self, off: float, now: float) -> None:
         self._next = now + _REPEAT

@@ -12,9 +12,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.cut import build
 from srl.commissioning.calibration.guided import Procedure
-from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Screen
 from srl.runtime.contracts.errors import ProfileError, RecordingError
 from srl.runtime.ipc.layout import Layout
@@ -28,7 +28,7 @@ from srl.runtime.recording.reader import read
 Rows = NDArray[np.int64]
 LOOK: Final = 0.2  # s of simulated time between two looks at the procedure
 _CHUNKS: Final = 50  # that go to the file together: each write has columns of its own, which cost room
-T = TypeVar("T", bound=RunTaps)
+T = TypeVar("T", bound=RunChannels)
 Tap = Callable[[Layout, str], T]
 """Finds a calibration's signals in the rows of a layout; the text is the place, for errors."""
 
@@ -37,13 +37,13 @@ class RowSource(ABC):
     """A running source of rows.
 
     Attributes:
-        taps: where the calibration's signals are in them.
+        channel_map: where the calibration's signals are in them.
         folder: of its instance, where it is a run.
         screen: its own, where a terminal's keys move something; None: it has none.
         moves: whether somebody's presses move something meanwhile.
     """
 
-    taps: RunTaps
+    channel_map: RunChannels
     folder: RunFolder
     screen: Screen | None = None
     moves = False
@@ -90,7 +90,7 @@ class Simulated(RowSource):
         self._wearer = world.wearer
         # The rows' time begins with the world; their date is today's.
         self._graph.layout.meta["wall"] = time.time_ns()
-        self.taps = tap(self._graph.layout, source.label)
+        self.channel_map = tap(self._graph.layout, source.label)
         self._lockstep = Lockstep(self._graph, report)
         self._count = max(round(LOOK * float(checked.rate)), 1)
         self._file = None if record is None else RowFile(self._graph.layout, record)
@@ -98,7 +98,7 @@ class Simulated(RowSource):
     def take(self) -> Rows:
         rows = np.empty((self._count, self._graph.layout.width), np.int64)
         for row in rows:
-            again = self.taps.may_begin_again(self._graph.row.words)
+            again = self.channel_map.may_begin_again(self._graph.row.words)
             self._lockstep.step(RequestKind.RESET if again else RequestKind.NONE)
             row[:] = self._graph.row.words
         if self._file is not None:
@@ -106,7 +106,7 @@ class Simulated(RowSource):
         return rows
 
     def begin(self, procedure: Procedure) -> None:
-        self._graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self._graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self._wearer.instruct(procedure.instruction())
 
     def close(self) -> None:

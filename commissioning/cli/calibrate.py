@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from srl.commissioning.calibration.order import LAWS, Order
+from srl.commissioning.calibration.request import LAWS, CalibrationRequest
 from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command
 
@@ -68,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
         screen = _on_panel(args, title)
     elif sys.stderr.isatty() and not args.json:
         screen = Terminal(title)
-    given = {name: value for name, value in vars(args).items() if name in Order.__dataclass_fields__}
-    return session.run(Order(**given), screen)
+    given = {name: value for name, value in vars(args).items() if name in CalibrationRequest.__dataclass_fields__}
+    return session.run(CalibrationRequest(**given), screen)
 
 
 def _on_panel(args: argparse.Namespace, title: str) -> Screen:

@@ -35,7 +35,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Runs until q, a signal or the loss of the terminal. Returns 0, or 1 after a fault."""
-    from srl.commissioning.jog.cut import cut
+    from srl.commissioning.jog.profile_subset import cut
     from srl.commissioning.jog.session import Session
     from srl.runtime.cli.check import check_certificates, check_guards
     from srl.runtime.cli.console import Console

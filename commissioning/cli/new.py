@@ -17,8 +17,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from srl.commissioning.cli import COMMANDS, new_ports
-from srl.commissioning.new.begun import begin, check_name
 from srl.commissioning.new.limb_drives import KINDS
+from srl.commissioning.new.template import begin, check_name
 from srl.runtime.cli import add_command
 from srl.runtime.cli.check import examine
 from srl.runtime.cli.printable import printable
@@ -86,20 +86,20 @@ def run(args: argparse.Namespace) -> int:
         template = new_questions.template(args.name)
         ports += new_questions.ports(template, args.set, [_port(p)[0] for p in ports])
     overrides = [*args.set, *_ports(template, args.set, ports)]
-    begun = begin(template, args.name, _from_there(template, overrides, target.parent))
+    started = begin(template, args.name, _from_there(template, overrides, target.parent))
     examine(template, overrides)  # what `--set` says wrong is told before a file is written
     simulated, _ = examine(template, overrides, sim=[])
     kept = older.keep(target)
     made: list[Path] = []
     try:
-        for name, content in begun.beside.items():
+        for name, content in started.beside.items():
             beside = target.with_name(name)
             if beside.exists():
                 print(f"{beside}: was there already, and is used as it is")
             else:
                 whole_file.write(beside, content, RequestError)
                 made.append(beside)
-        whole_file.write(target, begun.text.encode(), RequestError)
+        whole_file.write(target, started.text.encode(), RequestError)
         made.append(target)
         graph, _ = examine(str(target))
     except BaseException:  # what is beside may not fit; Ctrl-C
@@ -177,8 +177,8 @@ def _from_there(template: str, overrides: Sequence[str], folder: Path) -> list[s
 def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
     """Says what the check found, and what comes next."""
     print(f"checked: {len(graph.devices)} devices, {len(graph.controllers)} controllers, as `srl check {name}` shows")
-    for doubt in dict.fromkeys([*graph.doubts, *simulated.doubts]):
-        print(printable(f"  doubted: {doubt}"))
+    for warning in dict.fromkeys([*graph.warnings, *simulated.warnings]):
+        print(printable(f"  warning: {warning}"))
     for remark in new_ports.remarks(graph):
         print(printable(f"  {remark}"))
     if graph.actuators:
@@ -195,7 +195,7 @@ def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
 
 def _jogs(graph: Graph, name: str) -> Iterator[str]:
     """The commands that move each limb alone, which shows what no check can know: which joint is which, which way."""
-    from srl.commissioning.jog.cut import SPEED, cut
+    from srl.commissioning.jog.profile_subset import SPEED, cut
 
     names = {actuator.name: graph.devices[actuator.device].name for actuator in graph.actuators}
     several = len(set(names.values())) > 1
@@ -210,14 +210,14 @@ def _jogs(graph: Graph, name: str) -> Iterator[str]:
 
 def _calibrations(graph: Graph, file: str) -> Iterator[str]:
     """The commands that make the calibration files which the profile names."""
-    from srl.commissioning.calibration.order import LAWS, Order
+    from srl.commissioning.calibration.request import LAWS, CalibrationRequest
     from srl.commissioning.calibration.session import method_of
 
     used = {entry.use for entry in graph.profile.controllers}
     for kind in map(method_of, LAWS):
         if not kind.law or kind.law in used:
             try:
-                if kind.named(Order(file, kind.name), graph.profile, graph.source) is None:
+                if kind.named(CalibrationRequest(file, kind.name), graph.profile, graph.source) is None:
                     continue
             except SrlError:
                 continue  # several laws, devices or frames of the kind, or none: the user says which

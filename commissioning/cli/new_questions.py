@@ -11,7 +11,7 @@ from srl.commissioning.cli.find_port import likely
 from srl.commissioning.new.limb_drives import KINDS, Asked
 from srl.runtime.cli.printable import printable
 from srl.runtime.contracts.errors import RequestError, nearest
-from srl.runtime.profile import profile, shelf
+from srl.runtime.profile import library, profile
 from srl.runtime.profile.ports import local_path
 from srl.runtime.service import serial_ports
 from srl.runtime.service.serial_ports import SerialPort
@@ -19,13 +19,13 @@ from srl.runtime.service.serial_ports import SerialPort
 
 def template(name: str) -> str:
     """Asks for a shipped profile. Raises RequestError: nobody can answer, or no answer came."""
-    names = shelf.shipped()
+    names = library.shipped()
     if not _terminal():
         problem = "it isn't said what the new profile begins as"
         raise RequestError("--from", problem, f"For example srl new {name} --from sixth-finger. {nearest('', names)}")
     print("Profiles that come with srl:")
     return _one_of(
-        {each: shelf.summary(each) or profile.load(each)[0].summary for each in names},
+        {each: library.summary(each) or profile.load(each)[0].summary for each in names},
         "Which is nearest to yours? Number or name: ",
     )
 
@@ -77,13 +77,13 @@ def _one_of(words: Mapping[str, str], question: str) -> str:
         print(printable(f"'{answer}' is none of them") if answer else "one is needed")
 
 
-def ports(template: str, overrides: Sequence[str], told: Collection[str]) -> list[str]:
-    """Asks for the port of each device that has one in the profile, but those that are `told`: as for `--port`."""
+def ports(template: str, overrides: Sequence[str], reported: Collection[str]) -> list[str]:
+    """Asks for the port of each device that has one in the profile, but those that are `reported`: as for `--port`."""
     chosen: dict[str, str] = {}
     found = serial_ports.ports()
     for device, entry in profile.load(template, overrides)[0].devices.items():
         given = entry.options.get("port")
-        if given is None or device in told:
+        if given is None or device in reported:
             continue
         local = local_path(str(given)) is not None
         if local and found:

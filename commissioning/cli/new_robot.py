@@ -27,10 +27,10 @@ def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
     drives = KINDS[args.driver or new_questions.driver(args.name)]
     answers, rest = _answers(drives, overrides, target.parent)
     limb = Limb(file, args.base, args.tip, drives, answers)
-    begun = str(edited(f"{args.name}.yaml", limb.profile(args.name, target.parent), rest))
+    started = str(edited(f"{args.name}.yaml", limb.profile(args.name, target.parent), rest))
     kept = older.keep(target)
     try:
-        whole_file.write(target, begun.encode(), RequestError)
+        whole_file.write(target, started.encode(), RequestError)
         graph, _ = examine(str(target), sim=[])
         real, _ = examine(str(target))
     except BaseException:  # what `--set` says may be wrong; Ctrl-C
@@ -39,8 +39,8 @@ def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
             kept.replace(target)
         raise
     print(f"{target}: made of {file}" + f"; the one before is {kept}" * (kept is not None))
-    doubts = [f"doubted: {doubt}" for doubt in (*real.doubts, *graph.doubts)]
-    for line in dict.fromkeys([*graph.remarks, *doubts, *limb.strained(), *new_ports.remarks(real)]):
+    warnings = [f"warning: {warning}" for warning in (*real.warnings, *graph.warnings)]
+    for line in dict.fromkeys([*graph.remarks, *warnings, *limb.strained(), *new_ports.remarks(real)]):
         print(printable(f"  {line}"))
     more = f"; so are {drives.guessed}" * bool(drives.guessed)
     print(f"  ids, directions and zeros are guesses: jog each joint of the real limb before anything else{more}")
@@ -53,14 +53,14 @@ def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
 
 def _answers(drives: Drives, overrides: list[str], folder: Path) -> tuple[dict[str, Any], list[str]]:
     """What only a person knows of the motors, said by overrides or asked for, and the overrides of the rest."""
-    said = {path: text for path, text in map(split, overrides)}
+    output = {path: text for path, text in map(split, overrides)}
     answers: dict[str, Any] = {}
     taken = set()
     while (asked := drives.asks(answers)) is not None:
         path = f"devices.{DEVICE}.{asked.option}"
-        if path in said:
+        if path in output:
             taken.add(path)
-            answers[asked.option] = _said(asked, path, said[path], folder)
+            answers[asked.option] = _reported(asked, path, output[path], folder)
         else:
             meaning = partial(_seen, asked, folder)
             place = f"--driver {drives.driver}"
@@ -68,7 +68,7 @@ def _answers(drives: Drives, overrides: list[str], folder: Path) -> tuple[dict[s
     return answers, [override for override in overrides if split(override)[0] not in taken]
 
 
-def _said(asked: Asked, path: str, text: str, folder: Path) -> Any:
+def _reported(asked: Asked, path: str, text: str, folder: Path) -> Any:
     try:
         return _seen(asked, folder, text)
     except ValueError as error:

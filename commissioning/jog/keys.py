@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-PATIENCE: Final = 0.03  # s after which the rest of a key's bytes won't come: it was Esc itself
+TIMEOUT: Final = 0.03  # s after which the rest of a key's bytes won't come: it was Esc itself
 _SEQUENCES: Final = {
     "[A": "up", "[B": "down", "[C": "right", "[D": "left",
     "OA": "up", "OB": "down", "OC": "right", "OD": "left",
@@ -19,7 +19,7 @@ _BEGUN: Final = re.compile(rb"\x1b(\[[0-?]*[ -/]*|O)?\Z")
 class Keys:
     """Decodes a terminal's bytes.
 
-    Esc begins the bytes of other keys, too. It counts as Esc if they don't follow within `PATIENCE`, and if what
+    Esc begins the bytes of other keys, too. It counts as Esc if they don't follow within `TIMEOUT`, and if what
     follows is no key: a stop too many does no harm.
     """
 
@@ -46,7 +46,7 @@ class Keys:
             elif key := _WHOLE.match(rest):
                 found.append(_SEQUENCES.get(key.group(1).decode(), "other"))
                 rest = rest[key.end() :]
-            elif _BEGUN.match(rest) and now - self._since < PATIENCE:
+            elif _BEGUN.match(rest) and now - self._since < TIMEOUT:
                 break
             else:
                 found.append("esc")

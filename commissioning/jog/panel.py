@@ -8,13 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.commissioning.jog.cut import Cut
+from srl.commissioning.jog.profile_subset import Cut
 from srl.commissioning.jog.screen import MOVES, Joint, View
 from srl.runtime.contracts.signals import Array, Kind
 from srl.runtime.contracts.terms import POSITION_OF
 from srl.runtime.ipc import latches
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import CYCLE, Cause, State
 
 _LOADS: Final = ("effort", "torque", "force", "load", "current")
 
@@ -27,7 +27,7 @@ class Panel:
         self._cut, self._layout = cut, layout
         self._actuator = cut.actuator
         device = cut.graph.devices[cut.actuator.device].name
-        self._begun = False  # before that nothing is commanded
+        self._started = False  # before that nothing is commanded
         self._title = f"srl jog {instance}: {device}" + " (simulated)" * (device in cut.graph.simulated)
         self._names = tuple(cut.speed)
         feedback = cut.actuator.command.feedback
@@ -37,11 +37,11 @@ class Panel:
         limits = layout.meta.get("limits", {}).get(cut.actuator.name, {})
         self._lower, self._upper = (np.ravel(limits.get(key, [])) for key in ("lower", "upper"))
 
-    def view(self, row: Any, chosen: int, said: Sequence[str]) -> View:
+    def view(self, row: Any, chosen: int, output: Sequence[str]) -> View:
         """The view of a row (width,)."""
         state, cause = State(int(row[CYCLE.state])), Cause(int(row[CYCLE.cause]))
-        self._begun = self._begun or state in (State.HOMING, State.ACTIVE, State.STOPPING)
-        commanded = self._of(row, f"{self._actuator.name}.applied" if self._begun else None)
+        self._started = self._started or state in (State.HOMING, State.ACTIVE, State.STOPPING)
+        commanded = self._of(row, f"{self._actuator.name}.applied" if self._started else None)
         actual, load = self._of(row, self._feedback), self._of(row, self._load)
         joints = [
             Joint(
@@ -50,10 +50,10 @@ class Panel:
             )
             for i, name in enumerate(self._names)
         ]  # fmt: skip
-        culprit = self._layout.culprit(cause, int(row[CYCLE.culprit]))
+        fault_source = self._layout.fault_source(cause, int(row[CYCLE.fault_source]))
         text = state.name.lower()
         if cause:
-            text += f" ({cause.name.lower().replace('_', ' ')} {culprit})".replace(" )", ")")
+            text += f" ({cause.name.lower().replace('_', ' ')} {fault_source})".replace(" )", ")")
         if standing := latches.names(int(row[CYCLE.latches])):
             text += f", latched: {', '.join(standing)}"
         keys = {State.READY: "s start   q end", State.STOPPED: "r reset   q end"}.get(state, MOVES)
@@ -61,7 +61,7 @@ class Panel:
         if self._load is not None:
             load_text = f"{self._load.partition('.')[2]} {self._layout.fields[self._load].unit}"
         velocities = self._actuator.command.kind is Kind.VELOCITY
-        return View(self._title, velocities, joints, chosen, load_text, text, state is State.ACTIVE, keys, said)
+        return View(self._title, velocities, joints, chosen, load_text, text, state is State.ACTIVE, keys, output)
 
     def _of(self, row: Any, name: str | None) -> Mapping[str, float]:
         """A signal's elements by the joints' names; NaN for what isn't there."""

@@ -18,7 +18,7 @@ from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError
 from srl.runtime.contracts.signals import Command, Kind, Stop
 from srl.runtime.contracts.terms import PLANAR_TWIST
 from srl.runtime.ipc import latches, presses
-from srl.runtime.ipc.words import Latch
+from srl.runtime.ipc.header import Latch
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.builder import Builder
 from srl.runtime.profile.graph import Actuator, Graph

@@ -12,22 +12,22 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from srl.commissioning.jog.cut import PRESS, WAY, Cut
 from srl.commissioning.jog.hold import Hold
 from srl.commissioning.jog.panel import Panel
 from srl.commissioning.jog.presses import Presses
+from srl.commissioning.jog.profile_subset import PRESS, WAY, Cut
 from srl.commissioning.jog.screen import View, lines
 from srl.commissioning.jog.terminal import Terminal
 from srl.runtime.contracts.files import encoded
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.control_socket import LIFETIME, send_request
+from srl.runtime.ipc.header import CYCLE, Cause, Latch, State
 from srl.runtime.ipc.launch import Launch
 from srl.runtime.ipc.requests import RequestKind, RequestWriter
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, Cause, Latch, State
 from srl.runtime.service.end_signals import EndSignals
 from srl.runtime.service.helpers import helpers
-from srl.runtime.service.standing import Standing
+from srl.runtime.service.persistent_latches import PersistentLatches
 from srl.runtime.service.summary import WELL
 from srl.runtime.service.supervisor import Supervisor, state_dir
 
@@ -49,7 +49,7 @@ class Face(Protocol):
     def lines(self, view: View, width: int, height: int) -> list[str]:
         """What is shown on a terminal of this size; `view`: the joints' table and the run's state."""
 
-    def said(self, text: str) -> None:
+    def output(self, text: str) -> None:
         """Takes a message."""
 
 
@@ -92,7 +92,7 @@ class Session:
         self._automatic, self._advice = arm[0] and not cut.left_out, arm[1]
         fresh = max(FRESH, 1.5 / float(cut.profile.rate))
         self.hold = Hold(tuple(cut.speed), fresh, step)
-        self._said: deque[str] = deque(maxlen=_KEPT)
+        self._reported: deque[str] = deque(maxlen=_KEPT)
         self.why = ""
         self.interrupted = False
 
@@ -123,13 +123,13 @@ class Session:
         with EndSignals() as signals:
             where.claim()
             where.press_socket.unlink(missing_ok=True)  # of a run that was killed: the panel would believe it
-            kept: Standing | None = None
+            kept: PersistentLatches | None = None
             supervisor: Supervisor | None = None
             well = False
             before = signal.signal(signal.SIGTSTP, self._suspended)
             try:
                 if not self._sim:  # only what stopped a real limb outlives its run
-                    kept = Standing(state, self._say)
+                    kept = PersistentLatches(state, self._say)
                 found = [] if kept is None else latches.names(kept.latches)
                 source = self._cut.source
                 launch = Launch(
@@ -159,14 +159,14 @@ class Session:
 
     def _report(self, text: str) -> None:
         if self._face is not None:
-            self._face.said(text)
+            self._face.output(text)
         elif self._panel:
             self._say(text)
         else:
-            self._said.append(text)
+            self._reported.append(text)
 
     def _supervised(
-        self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses
+        self, supervisor: Supervisor, kept: PersistentLatches | None, terminal: Terminal | Presses
     ) -> Generator[Any, None, bool]:
         """Starts the supervisor and runs it until the end. Returns whether the run ended well."""
         row = None
@@ -186,7 +186,7 @@ class Session:
             supervisor.finish()
         if supervisor.rows is not None:
             row = supervisor.rows.newest()
-        for text in self._said:
+        for text in self._reported:
             self._say(text)
         if supervisor.error is not None:
             raise supervisor.error
@@ -203,7 +203,7 @@ class Session:
         return Cause(int(row[CYCLE.cause])) in WELL
 
     def _moved(
-        self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses
+        self, supervisor: Supervisor, kept: PersistentLatches | None, terminal: Terminal | Presses
     ) -> Generator[Any, None, Any]:
         """Takes the terminal until the run is over. Returns the newest row."""
         assert supervisor.layout is not None
@@ -242,7 +242,7 @@ class Session:
         return row
 
     def _picture(self, panel: Panel, row: Any, width: int, height: int) -> list[str]:
-        view = panel.view(row, self.hold.joint, tuple(self._said))
+        view = panel.view(row, self.hold.joint, tuple(self._reported))
         return lines(view, width, height) if self._face is None else self._face.lines(view, width, height)
 
     @staticmethod
@@ -291,7 +291,7 @@ class Desk:
         names = [entry["name"] for entry in supervisor.layout.meta["setpoints"]]
         self._way, self._press = names.index(WAY), names.index(PRESS)
         self._requests = RequestWriter(self._folder.requests)
-        self._told = self._asked = 0.0
+        self._reported = self._asked = 0.0
         self._since = 0  # CLOCK_MONOTONIC ns: when the stop was asked for first
         self._number = -1.0
         self._stop = self._over = False
@@ -299,9 +299,9 @@ class Desk:
     def tell(self, row: Any) -> None:
         """Tells the loop of the keys: a new press at once, that the terminal is there every `_TELL`."""
         now = time.monotonic()
-        way, press = self.hold.told(now)
-        if now >= self._told + _TELL or (press[0] and press[0] != self._number):
-            self._told, self._number = now, float(press[0])
+        way, press = self.hold.reported(now)
+        if now >= self._reported + _TELL or (press[0] and press[0] != self._number):
+            self._reported, self._number = now, float(press[0])
             expires = round(self.hold.expires(now) * 1e9)
             self._requests.send(RequestKind.SETPOINT, expires, self._way, way)
             self._requests.send(RequestKind.SETPOINT, expires, self._press, press)

@@ -18,7 +18,7 @@ from srl.runtime.contracts.errors import HostError, RequestError
 
 _BEGIN: Final = "\x1b[?1049h\x1b[?25l\x1b[?1004h"  # a screen of its own, no cursor, and word of a lost focus
 _END: Final = "\x1b[?1004l\x1b[?25h\x1b[?1049l"
-_PATIENCE: Final = 0.5  # s that the last bytes may take
+_TIMEOUT: Final = 0.5  # s that the last bytes may take
 
 
 class Terminal:
@@ -64,7 +64,7 @@ class Terminal:
     def __exit__(self, *_: object) -> None:
         """Leaves the terminal as it was."""
         self._left += _END.encode()
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + _TIMEOUT
         while self._left and not self.gone and (left := end - time.monotonic()) > 0.0:
             select.select([], [self._descriptor], [], left)
             self._write()

@@ -11,13 +11,13 @@ from typing import Any
 
 from srl.runtime import __version__
 from srl.runtime.contracts.errors import ProfileError, RequestError, nearest
-from srl.runtime.profile import profile, shelf
+from srl.runtime.profile import library, profile
 from srl.runtime.profile.edit import content, edited, set_at
 from srl.runtime.profile.overrides import split
 
 
 @dataclass(frozen=True)
-class Begun:
+class FilledTemplate:
     """A profile to be written.
 
     Attributes:
@@ -30,7 +30,7 @@ class Begun:
     beside: dict[str, bytes]
 
 
-def begin(template: str, name: str, overrides: Sequence[str]) -> Begun:
+def begin(template: str, name: str, overrides: Sequence[str]) -> FilledTemplate:
     """Makes a profile of a shipped one.
 
     Args:
@@ -46,7 +46,7 @@ def begin(template: str, name: str, overrides: Sequence[str]) -> Begun:
         if split(override)[0] == "name":
             problem = f"the new profile's name is said already: {name}"
             raise RequestError(f"--set {override}", problem, "Leave it out; the first word after `srl new` is the name")
-    if template not in shelf.shipped():
+    if template not in library.shipped():
         raise _no_template(template)
     label, text, folder = profile.find(template)
     tree = edited(label, text, overrides)
@@ -56,7 +56,7 @@ def begin(template: str, name: str, overrides: Sequence[str]) -> Begun:
         beside[renamed] = (folder / file).read_bytes()
         tree = set_at(tree, path, renamed)
     tree = set_at(tree, "name", name)
-    return Begun(f"# Begun as {template} of srl {__version__}.\n{tree}", beside)
+    return FilledTemplate(f"# Begun as {template} of srl {__version__}.\n{tree}", beside)
 
 
 def _no_template(given: str) -> ProfileError:
@@ -65,7 +65,7 @@ def _no_template(given: str) -> ProfileError:
     if own is not None:
         problem = "only a profile that comes with srl can be begun as"
         return ProfileError(given, problem, f"Copy {own}, and change its `name`")
-    return ProfileError(given, "no profile that comes with srl has this name", nearest(stem, shelf.shipped()))
+    return ProfileError(given, "no profile that comes with srl has this name", nearest(stem, library.shipped()))
 
 
 def check_name(name: str) -> None:
@@ -74,7 +74,7 @@ def check_name(name: str) -> None:
         proposed = re.sub(r"[^a-z0-9_]+", "-", re.sub(r"\.ya?ml$", "", name.lower())).strip("-_0123456789") or "my-limb"
         problem = f"'{name}' is no name: lower-case letters, digits, - and _ only, beginning with a letter"
         raise RequestError("NAME", problem, f"For example {proposed}; -o says where the file goes")
-    if name in shelf.shipped():
+    if name in library.shipped():
         problem = f"'{name}' is a profile that comes with srl, and `srl run {name}` would run that one"
         raise RequestError("NAME", problem, f"Choose another one, such as my-{name}")
 

@@ -13,7 +13,7 @@ LONGEST: Final = 0.05  # s, for which the last believed joints stand for those t
 UNKNOWN: Final = 10.0  # rad/s or m/s, of a joint whose greatest speed nobody says
 
 
-class Believed:
+class AcceptedVelocity:
     """The measured joints, without samples that can't be.
 
     A sample is doubted if a joint would have moved since the last believed one further than twice its greatest speed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import pi
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -48,6 +48,10 @@ class FollowLimitsConfig(ArmLimitsConfig):
 class CartesianFollowConfig(ControllerConfig):
     """Options of `cartesian-follow`."""
 
+    renamed: ClassVar[dict[str, str]] = {
+        "leash": "max_following_error", "patience": "timeout", "lever": "rotation_weight", "spared": "joint_weight",
+    }  # fmt: skip
+
     robot: RobotOption = Field(description="the arm: a robot of `models:`, or one of the runtime's")
     tool: str | None = Field(None, description="frame of the control point, on the arm's flange; null: the flange")
     target: Literal["pose", "point"] = Field("pose", description="what is followed; a point leaves the rotation free")
@@ -57,21 +61,25 @@ class CartesianFollowConfig(ControllerConfig):
     speed: float = Field(0.3, gt=0, le=3, description="m/s of the tool, the most")
     turning: float = Field(1.0, gt=0, le=10, description="rad/s of the tool, the most")
     ahead: float = Field(0.05, ge=0, le=1, description="s, low-pass on the target's velocity that is led; 0: none")
-    lever: Positive = Field(0.2, description="m: a rad of rotation counts as much as this")
+    rotation_weight: Positive = Field(0.2, description="m: a rad of rotation counts as much as this")
     farthest: Positive = Field(1.5, description="m: a target that is farther from the tool isn't followed")
-    patience: float = Field(1.0, gt=0, le=10, description="s without a target after which the limb stops")
+    timeout: float = Field(1.0, gt=0, le=10, description="s without a target after which the limb stops")
     damping: Positive = Field(0.03, description="m/rad, of the least squares near singular postures")
     posture: float = Field(0.2, ge=0, le=5, description="1/s, pull to the posture of the reset, where there is room")
-    spared: dict[str, Positive] | Positive = Field(1.0, description="by joint: how much it is spared beside the others")
+    joint_weight: dict[str, Positive] | Positive = Field(
+        1.0, description="by joint: how much it is spared beside the others"
+    )
     joint_speed: float = Field(0.5, gt=0, le=1, description="share of the robot's greatest joint speeds")
-    leash: Positive = Field(0.3, description="rad or m: a joint so far ahead of the measured isn't commanded further")
+    max_following_error: Positive = Field(
+        0.3, description="rad or m: a joint so far ahead of the measured isn't commanded further"
+    )
     limits: FollowLimitsConfig = FollowLimitsConfig()
 
-    @field_validator("spared")
+    @field_validator("joint_weight")
     @classmethod
     def _of_joints(cls, given: Any, info: ValidationInfo) -> Any:
         if (robot := info.data.get("robot")) is not None:
-            each(given, robot, "spared")
+            each(given, robot, "joint_weight")
         return given
 
 
@@ -90,7 +98,7 @@ class CartesianFollow(Controller):
     back isn't wound up.
 
     It starts at rest where the limb is. A target that isn't there, or is farther than `farthest`, isn't followed: the
-    joints brake, and after `patience` the limb stops; so it does without the measured joints, also at a reset, and goes
+    joints brake, and after `timeout` the limb stops; so it does without the measured joints, also at a reset, and goes
     on where the limb is when they are back. A jump of the target is approached at `speed`.
     """
 
@@ -129,8 +137,8 @@ class CartesianFollow(Controller):
         self._approach = Approach(_Bounds(robot), config.limits, config.joint_speed)
         self._nearest = Nearest(config.limits.priority)
         rows = 3 if point else 6
-        self._Q = np.array([1.0, 1.0, 1.0, *[config.lever**2] * 3][:rows])
-        self._W = np.diag(config.damping**2 * each(config.spared, robot, "spared"))
+        self._Q = np.array([1.0, 1.0, 1.0, *[config.rotation_weight**2] * 3][:rows])
+        self._W = np.diag(config.damping**2 * each(config.joint_weight, robot, "joint_weight"))
         distances = config.limits.distances
         self._distances = None if distances is None else RobotDistances(robot, None, distances)
         self._target = ToolTarget(config.ahead, config.offset)
@@ -170,8 +178,10 @@ class CartesianFollow(Controller):
         if self._config.command == "position":
             # A joint that something holds isn't commanded further away from where it is.
             ahead = self._q - self.input["q"]
-            upper = np.where(ahead > self._config.leash, np.maximum(lower, np.minimum(upper, 0.0)), upper)
-            lower = np.where(ahead < -self._config.leash, np.minimum(upper, np.maximum(lower, 0.0)), lower)
+            upper = np.where(ahead > self._config.max_following_error, np.maximum(lower, np.minimum(upper, 0.0)), upper)
+            lower = np.where(
+                ahead < -self._config.max_following_error, np.minimum(upper, np.maximum(lower, 0.0)), lower
+            )
         rows, least = self._gaps(dt)
         away = self._away(dt)
         metric, A = self._W, J[: len(self._Q)]
@@ -195,7 +205,7 @@ class CartesianFollow(Controller):
         self._v[:] = x
         self._write()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Shares of cycles with an active limit and without a target, the greatest distance missed, solver failures."""
         cycles = max(self._cycles, 1)
         return {
@@ -203,7 +213,7 @@ class CartesianFollow(Controller):
             "blind": self._blind / cycles,
             "missing_m": self._worst,
             "solver_failures": self._nearest.failures,
-            **({} if self._distances is None else self._distances.figures()),
+            **({} if self._distances is None else self._distances.metrics()),
         }
 
     # -- parts of a cycle
@@ -226,7 +236,7 @@ class CartesianFollow(Controller):
                 if name in self.output:
                     self.output[name][:] = np.nan  # the guard brakes; nothing of it stays
             self._unseen += dt
-            self.lost = self._unseen > self._config.patience
+            self.lost = self._unseen > self._config.timeout
             return False
         if self._config.command == "velocity":
             self._q[:] = measured
@@ -234,7 +244,9 @@ class CartesianFollow(Controller):
             return True
         applied = self.applied.get("q")
         if applied is None:
-            q = np.clip(self._q, measured - self._config.leash, measured + self._config.leash)
+            q = np.clip(
+                self._q, measured - self._config.max_following_error, measured + self._config.max_following_error
+            )
             self._v[q != self._q] = 0.0
             self._q[:] = q
             return True
@@ -260,7 +272,7 @@ class CartesianFollow(Controller):
         far = float(np.linalg.norm(gap))
         seen = seen and far <= config.farthest
         self._unseen = 0.0 if seen else self._unseen + dt
-        self.lost = self._unseen > config.patience
+        self.lost = self._unseen > config.timeout
         if not seen:
             self._blind += 1
             self._turn = (0.0, 0.0, 0.0)

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from math import ceil, sqrt
-from typing import Any, Final, Literal, Self
+from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, FiniteFloat, field_validator, model_validator
 
-from srl.control.arm.believed import Believed
+from srl.control.arm.accepted import AcceptedVelocity
 from srl.control.arm.options import each, joints
 from srl.control.arm.sampled import GROWTH, cases, growth
 from srl.control.arm.uprightness import Uprightness, by_frames, by_sensor
@@ -42,6 +42,8 @@ _PerJoint = dict[str, NotNegative] | NotNegative
 class JointImpedanceConfig(ControllerConfig):
     """Options of `joint-impedance`."""
 
+    renamed: ClassVar[dict[str, str]] = {"leash": "max_following_error", "patience": "timeout"}
+
     robot: WeighedRobot = Field(description="the arm: a robot of `models:`, or one of the runtime's")
     stiffness: _PerJoint = Field(description="N m/rad (N/m where it slides), by joint or one for all")
     damping_ratio: float = Field(0.7, gt=0, le=2, description="of each joint alone: D = 2 ratio sqrt(K M_ii)")
@@ -51,7 +53,9 @@ class JointImpedanceConfig(ControllerConfig):
     most: dict[str, Positive] | Positive | None = Field(
         None, description="N m, by joint: the spring's greatest torque; null: half of the robot's effort"
     )
-    leash: Positive = Field(0.5, description="rad or m, by which the desired joints are ahead of the measured at most")
+    max_following_error: Positive = Field(
+        0.5, description="rad or m, by which the desired joints are ahead of the measured at most"
+    )
     speed: dict[str, Positive] | Positive = Field(0.5, description="rad/s, by joint, of the desired joints")
     lead: float = Field(
         0.0,
@@ -76,7 +80,7 @@ class JointImpedanceConfig(ControllerConfig):
         description="rad, by which a worn base leans from there at most: farther, up is measured wrong",
     )
     smooth: float = Field(0.02, ge=0, le=1, description="s, time constant of the low-pass on where up is")
-    patience: float = Field(
+    timeout: float = Field(
         0.5, gt=0, le=10, description="s without it, beyond `tilt_limit`, or without `q`, after which the limb stops"
     )
     payload: LoadConfig | None = Field(None, description="what the flange always carries, beside the URDF's links")
@@ -112,15 +116,15 @@ class JointImpedance(Controller):
     D = 2 ratio sqrt(K M_ii(q)) is never negative, and the spring's torque is bounded, so that the joints give to their
     surroundings no more than the energy that is in M and K (Ortega and Spong 1989; Albu-Schaeffer et al. 2007,
     IJRR 26(1), for joint stiffness). q_d moves at most at `speed` towards `wanted`. A limb that is pushed further than
-    the spring's greatest torque or the `leash` takes q_d along: that gives no energy back, and winds nothing up; v_d,
-    the speed at which q_d goes towards `wanted`, is zero then. If
+    the spring's greatest torque or the `max_following_error` takes q_d along: that gives no energy back, and winds
+    nothing up; v_d, the speed at which q_d goes towards `wanted`, is zero then. If
     K grows, q_d comes nearer, so that the torque stays: stiffening gives the limb no energy either.
 
     At a reset q_d is where the limb is. While `wanted` isn't a number, q_d stays. While nothing says where up is, it
-    stays as it was, and after `patience` the limb stops. Where up is farther from `up` than `tilt_limit`, the limb
+    stays as it was, and after `timeout` the limb stops. Where up is farther from `up` than `tilt_limit`, the limb
     stops too, at a reset at once; `Uprightness` says what up is then. A sample of `q` that no motion explains moves
     nothing: the torque is that of the one before. If it lasts, and while `q` isn't a number, there is no torque (NaN:
-    the guard damps), after `patience` the limb stops, and when `q` is back, q_d begins where the limb is then.
+    the guard damps), after `timeout` the limb stops, and when `q` is back, q_d begins where the limb is then.
     """
 
     Config = JointImpedanceConfig
@@ -159,7 +163,7 @@ class JointImpedance(Controller):
         self._model: Any = pinocchio_model(robot, payload=payload)
         self._data: Any = self._model.createData()
         self._up = Uprightness(config.smooth, config.up, config.tilt_limit)
-        self._joints = Believed(robot.dq_max)
+        self._joints = AcceptedVelocity(robot.dq_max)
         self._q_d, self._v_d = np.zeros(robot.n), np.zeros(robot.n)
         self._D = np.zeros(robot.n)
         self._cycles = self._held_back = self._led = self._doubted = 0
@@ -183,7 +187,7 @@ class JointImpedance(Controller):
         self._desire(before, dt)
         self._step()
 
-    def weigh(self, dt: float) -> None:
+    def update_gravity(self, dt: float) -> None:
         self._up.update(self._found(), dt)
         self._joints.update(self.input["q"], dt)
         if self._joints.known:
@@ -199,7 +203,7 @@ class JointImpedance(Controller):
             replace(damping, lower=_part(damping.lower, down), upper=_part(damping.upper, up)),
         )
 
-    def doubts(self, dt: float) -> Iterator[tuple[str, str]]:
+    def warnings(self, dt: float) -> Iterator[tuple[str, str]]:
         touched = self._touched
         if self._damps(dt, touched):
             return
@@ -218,7 +222,7 @@ class JointImpedance(Controller):
             f"up unless friction in its joints takes it. {remedy}",
         )
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Shares of cycles with torque held back by the guard, with the desired joints taken along, and doubted `q`."""
         cycles = max(self._cycles, 1)
         return {
@@ -229,9 +233,9 @@ class JointImpedance(Controller):
 
     def _judge(self) -> None:
         """Whether what the law needs has been missing, or beyond belief, for too long."""
-        up, patience = self._up, self._config.patience
-        leans = up.beyond > patience
-        self.lost = leans or max(up.missing, self._joints.missing) > patience
+        up, timeout = self._up, self._config.timeout
+        leans = up.beyond > timeout
+        self.lost = leans or max(up.missing, self._joints.missing) > timeout
         self.why = up.why(_SOURCES[self._config.upright]) if leans else ""
 
     def _found(self) -> tuple[float, float, float] | None:
@@ -261,7 +265,9 @@ class JointImpedance(Controller):
             step = np.clip(aim - q_d, -self._speed * dt, self._speed * dt)
             q_d += step
         with np.errstate(divide="ignore"):
-            reach = np.minimum(np.where(k * self._K > 0.0, self._most / (k * self._K), np.inf), self._config.leash)
+            reach = np.minimum(
+                np.where(k * self._K > 0.0, self._most / (k * self._K), np.inf), self._config.max_following_error
+            )
         taken = np.clip(q_d, q - reach, q + reach)
         self._led += bool((taken != q_d).any())
         if dt > 0.0:

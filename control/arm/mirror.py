@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -29,6 +29,8 @@ _ASIDE: Final = 0.01  # m
 class MirrorConfig(ControllerConfig):
     """Options of `mirror`."""
 
+    renamed: ClassVar[dict[str, str]] = {"patience": "timeout"}
+
     robot: RobotOption = Field(description="the arm that is led")
     other: RobotOption = Field(description="the arm that leads")
     joints: dict[str, str] = Field(
@@ -38,7 +40,7 @@ class MirrorConfig(ControllerConfig):
         None, description="of the mirror, in the led arm's base frame; null: from one base to the other"
     )
     speed: dict[str, Positive] | Positive = Field(0.5, description="rad/s, by joint of the led arm, the most")
-    patience: float = Field(0.5, gt=0, le=10, description="s without the other arm after which the limb stops")
+    timeout: float = Field(0.5, gt=0, le=10, description="s without the other arm after which the limb stops")
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -72,7 +74,7 @@ class Mirror(Controller):
     signs follow from the two descriptions; arms that aren't each other's mirror images at zero are refused.
 
     It starts where the limb is. While the other arm isn't there, the limb comes to rest within 0.2 s and stands, and
-    after `patience` it stops. When it is back, the limb takes up its speed again.
+    after `timeout` it stops. When it is back, the limb takes up its speed again.
     """
 
     Config = MirrorConfig
@@ -93,7 +95,7 @@ class Mirror(Controller):
         self._signs = np.ones(robot.n)
         self._q = np.zeros(robot.n)
         self._v = np.zeros(robot.n)
-        self._missing = self._begun = 0.0
+        self._missing = self._started = 0.0
 
     def bind(self, *arrays: Any) -> None:
         super().bind(*arrays)
@@ -136,7 +138,7 @@ class Mirror(Controller):
         self._ramps.reset(self.param)
         self._q[:] = self.applied.get("q", self.input["q"])
         self._v[:] = 0.0
-        self._missing, self._begun, self.lost = 0.0, 0.0, False
+        self._missing, self._started, self.lost = 0.0, 0.0, False
         self.output["q"][:], self.output["q_velocity"][:] = self._q, 0.0
 
     def update(self, dt: float) -> None:
@@ -149,12 +151,12 @@ class Mirror(Controller):
         other, robot = self.input["other"], self._config.robot
         seen = bool(np.isfinite(other).all())
         self._missing = 0.0 if seen else self._missing + dt
-        self.lost = self._missing > self._config.patience
+        self.lost = self._missing > self._config.timeout
         share = self._ramps.values["speed"]
         if seen:
             aim = np.clip(self._signs * other[self._from], robot.q_lower, robot.q_upper)
-            self._begun = min(1.0, self._begun + dt / _BEGINNING)
-            most = self._begun * share * self._speed * dt
+            self._started = min(1.0, self._started + dt / _BEGINNING)
+            most = self._started * share * self._speed * dt
             step = np.clip(aim - self._q, -most, most)
         else:
             less = self._speed * dt / _ENDING
@@ -162,7 +164,7 @@ class Mirror(Controller):
             # At the end of a joint's travel it stops at once.
             step = np.clip(self._q + slower * dt, robot.q_lower, robot.q_upper) - self._q
             step = np.clip(step, -np.abs(slower) * dt, np.abs(slower) * dt)
-            self._begun = min(self._begun, float(np.max(np.abs(slower) / self._speed)))
+            self._started = min(self._started, float(np.max(np.abs(slower) / self._speed)))
         self._v[:] = step / dt if dt > 0.0 else 0.0
         self._q += step
         self.output["q"][:], self.output["q_velocity"][:] = self._q, self._v

@@ -128,7 +128,7 @@ class Waypoints(Controller):
                 rate = np.zeros(self._n)
         self._write(rate)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Motions planned, waypoints reached, and plans that failed."""
         return {"plans": self._plans, "arrivals": self._arrivals, "failures": self._failures}
 

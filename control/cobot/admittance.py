@@ -186,7 +186,7 @@ class Admittance(Controller):
             self._draw_in((x, y, z), (qw, qx, qy, qz), leads, turns, dt)
         self._write(force)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the numbers of cycles in which the leash pulled and in which the tank was empty."""
         return {"leashed_cycles": self._leashed, "damped_cycles": 0 if self._tank is None else self._tank.emptied}
 

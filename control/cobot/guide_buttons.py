@@ -56,7 +56,7 @@ class GuideButtons(Controller):
             self._held = pressed
         self.output["modes"][:] = self._modes
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the number of presses of each button."""
         return {"presses": dict(zip(BUTTONS, self._presses, strict=True))}
 

@@ -157,7 +157,7 @@ class KairosClik(Controller):
         self._priority.update(self.input["modes"].item(LOCOMOTION) > 0.5, self.input["q"], dt)
         self._step(dt)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the least manipulability and the shares of cycles near a singular posture and slowed down to limits.
 
         A cycle is slowed down if a joint or the base would otherwise exceed its speed.

@@ -82,18 +82,18 @@ class KairosQp(KairosClik):
         self._limited = 0
         self._missed = 0.0
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the base class's figures, without `slowed`, and those of the limits.
 
         They are the share of cycles with an active limit, the greatest speed missed by the tool, and solver failures.
         """
-        found = super().figures()
+        found = super().metrics()
         del found["slowed"]
         return found | {
             "limited": self._limited / max(self._cycles, 1),
             "missed_m_s": self._missed,
             "solver_failures": self._nearest.failures,
-            **({} if self._distances is None else self._distances.figures()),
+            **({} if self._distances is None else self._distances.metrics()),
         }
 
     def bind(self, *arrays: Any) -> None:

@@ -229,8 +229,8 @@ class MocaImpedance(Controller):
 
     def bind(self, *arrays: Any) -> None:
         super().bind(*arrays)
-        told = self._config.payload
-        payload = told.payload() if isinstance(told, LoadConfig) else None
+        reported = self._config.payload
+        payload = reported.payload() if isinstance(reported, LoadConfig) else None
         _, _, _, w, x, y, z = self.transform["mount"].tolist()
         upright, rotors = (w, x, y, z), self._config.rotors
         self._dynamics = ArmDynamics(self._robot, payload, upright, rotors=rotors == "all")
@@ -259,7 +259,7 @@ class MocaImpedance(Controller):
         self._ramps.update(self.param, dt)
         self._step(dt)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the strongest F, and the shares of cycles with torque held back by the guard and near singularity."""
         cycles = max(self._cycles, 1)
         return {

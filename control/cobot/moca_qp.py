@@ -81,19 +81,19 @@ class MocaQp(MocaImpedance):
         self._limited = self._conflicts = 0
         self._missed = 0.0
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the base class's figures and those of the limits.
 
         They are the shares of cycles with an active limit and with torques too weak to keep the motion's limits, the
         greatest acceleration missed by the tool, and solver failures.
         """
         cycles = max(self._cycles, 1)
-        return super().figures() | {
+        return super().metrics() | {
             "limited": self._limited / cycles,
             "too_weak": self._conflicts / cycles,
             "missed_m_s2": self._missed,
             "solver_failures": self._nearest.failures,
-            **({} if self._distances is None else self._distances.figures()),
+            **({} if self._distances is None else self._distances.metrics()),
         }
 
     def bind(self, *arrays: Any) -> None:

@@ -117,7 +117,7 @@ class Payload(Controller):
             self.contact = self.watch.stopping
         self._write()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the heaviest load that was carried, and how often there was contact, a drop and a putting down."""
         w = self.watch
         return {"heaviest_kg": self._heaviest, "contacts": w.contacts, "drops": w.drops, "put_down": w.put_down}

@@ -172,7 +172,7 @@ class RobotDistances:
             rows.append(row)
         return Near(distance[seen], np.array(rows))
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """The least distance of the run, its pair, and the pairs that aren't compared."""
         seen = {"least_distance_m": self.least, "nearest": self.nearest} if self.nearest else {}
         return {**seen, "not_compared": ", ".join(self.left_out)}

@@ -92,7 +92,7 @@ class EmgActivation(Controller):
             np.minimum(share, 1.0, out=self.output["activation"])
         self.lost = self._away > self._hold
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the figures since the last reset.
 
         person, date: of the file; gaps: how often samples were missing; above: by muscle, the share of the cycles above

@@ -29,7 +29,8 @@ class CompiledObjectMapping(Compiled):
         self._count = count = len(law._chosen)
         chain = finger.chain
         options = numbers(
-            count, law._chosen, np.zeros(_POINTS - count), law._rigid, law._object.share, law._leash, _SMOOTHING,
+            count, law._chosen, np.zeros(_POINTS - count), law._rigid, law._object.share,
+            law._max_following_error, _SMOOTHING,
             finger.damping2, finger.curvature, chain.base,
         )  # fmt: skip
         rows = numbers(*((*row, *limits) for row, limits in zip(chain.rows, finger.limits, strict=True)))
@@ -46,7 +47,7 @@ class CompiledObjectMapping(Compiled):
         self._reference[:] = numbers(law._home, finite.c0, finite.from_centre, unused, finite.a2)
         self.state[:] = numbers(
             law._before, unused, law._target, law._velocity, len(support), support, [0.0] * (4 - len(support)),
-            law._radii, law._nearest, law._leashed,
+            law._radii, law._nearest, law._error_limited,
         )  # fmt: skip
 
     def _leave(self) -> None:
@@ -56,6 +57,6 @@ class CompiledObjectMapping(Compiled):
         law._target = s[3 * _POINTS : 3 * _POINTS + 3].reshape(1, 3)
         law._velocity = [(rest[3], rest[4], rest[5])]
         law._enclosing.support = [int(corner) for corner in rest[7 : 7 + int(rest[6])]]
-        law._radii, law._nearest, law._leashed = (rest[11], rest[12]), rest[13], int(rest[14])
+        law._radii, law._nearest, law._error_limited = (rest[11], rest[12]), rest[13], int(rest[14])
         x, y, z = law.output["skeleton"][-1].tolist()
         law._tips = [(x, y, z)]

@@ -37,7 +37,7 @@ class HandKinematics(Controller):
     joints, `tips` (5, 3) m and `skeleton` (21, 3) m, both in the hand's frame.
 
     Angles are clamped to the ranges of the hand's model. A glove that slips, or was calibrated on someone else, gives
-    angles beyond anatomy; the clamp keeps every fingertip where a hand can reach. `figures` says how often
+    angles beyond anatomy; the clamp keeps every fingertip where a hand can reach. `metrics` says how often
     this happens.
     """
 
@@ -86,7 +86,7 @@ class HandKinematics(Controller):
         skeleton[1:] = self._points.at(q)
         self.output["tips"][:] = skeleton[4::4]
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns beyond_range: the share of cycles with a joint angle more than 2 degrees outside its range."""
         return {"beyond_range": self._beyond / max(self._cycles, 1)}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import pairwise
 from math import exp, inf, isfinite, nan, sqrt
 from operator import add
-from typing import Any, Final, Literal, cast
+from typing import Any, ClassVar, Final, Literal, cast
 
 import numpy as np
 from pydantic import Field
@@ -34,6 +34,8 @@ _SMOOTHING: Final = 0.03  # s, time constant of the tips' velocity: the data of 
 class ObjectMappingConfig(ControllerConfig):
     """Options of `object-mapping`."""
 
+    renamed: ClassVar[dict[str, str]] = {"leash": "max_following_error"}
+
     points: tuple[FingerName, ...] = Field(
         FINGERS, min_length=1, description="human fingertips that take part; a similarity needs three or more"
     )
@@ -56,7 +58,7 @@ class ObjectMappingConfig(ControllerConfig):
     damping: float = Field(
         0.01, gt=0.0, description="m/rad; singular values of the finger's Jacobian below it are damped"
     )
-    leash: float = Field(
+    max_following_error: float = Field(
         0.03, gt=0.0, description="m, how far a tip's target may be ahead of what the guard let through"
     )
 
@@ -83,7 +85,7 @@ class ObjectMapping(Controller):
         _check_unique(name, "fingers", tuple(finger.name for finger in config.fingers))
         n_h, m = len(config.points), len(config.fingers)
         deformation = config.deformation or (Deformation.ISOTROPIC if n_h > 2 else Deformation.RIGID)
-        self._leash = config.leash
+        self._max_following_error = config.max_following_error
         self._rigid, self._turns = deformation is Deformation.RIGID, deformation is not Deformation.SCALING
         self._chosen = np.array([FINGERS.index(point) for point in config.points])
         self._concentric = deformation is Deformation.CONCENTRIC
@@ -168,7 +170,7 @@ class ObjectMapping(Controller):
         self._enclosing.reset()
         self._radii = (inf, 0.0)
         self._nearest = inf
-        self._leashed = 0
+        self._error_limited = 0
 
     def reset(self) -> None:
         """Takes the present posture as the reference, and the applied joint angles as those of the fingers.
@@ -250,16 +252,16 @@ class ObjectMapping(Controller):
     def _hold_back(self) -> list[Vector]:
         """Draws in targets that are too far ahead. Returns the vectors from the tips to their targets, m."""
         ahead: list[Vector] = []
-        leashed = False
+        error_limited = False
         for i, (target, tip) in enumerate(zip(self._target.tolist(), self._tips, strict=True)):
             x, y, z = target[0] - tip[0], target[1] - tip[1], target[2] - tip[2]
             distance = sqrt(x * x + y * y + z * z)
-            if distance > self._leash:
-                leashed, k = True, self._leash / distance
+            if distance > self._max_following_error:
+                error_limited, k = True, self._max_following_error / distance
                 x, y, z = k * x, k * y, k * z
                 self._target[i] = tip[0] + x, tip[1] + y, tip[2] + z
             ahead.append((x, y, z))
-        self._leashed += leashed
+        self._error_limited += error_limited
         return ahead
 
     def _enclose(self) -> None:
@@ -278,13 +280,13 @@ class ObjectMapping(Controller):
             dx, dy, dz = x - a, y - b, z - c
             self._nearest = min(self._nearest, sqrt(dx * dx + dy * dy + dz * dz))
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the figures of the run, since the last reset.
 
         noise_gain, noise_gain_undamped: rms motion of the robotic tip divided by the fingertips' rms noise, at the
         present posture; sphere_radius_m: least and greatest; nearest_to_thumb_m: least distance of any robotic tip;
-        leashed: number of cycles in which a target was ahead of the guarded position by more than the leash.
-        Without a reference there is no noise gain (NaN).
+        error_limited: number of cycles in which a target was ahead of the guarded position by more than
+        max_following_error. Without a reference there is no noise gain (NaN).
         """
         if not self._measured:
             damped = undamped = nan
@@ -297,7 +299,7 @@ class ObjectMapping(Controller):
             "noise_gain_undamped": undamped,
             "sphere_radius_m": list(self._radii),
             "nearest_to_thumb_m": self._nearest,
-            "leashed": self._leashed,
+            "error_limited": self._error_limited,
         }
 
 

@@ -112,7 +112,7 @@ class ArmAngles(Controller):
         _check(f"controllers.{name}", body, "segments" if config.segments else "markers")
         self._what, self._seen = what, seen
         self._fit = MarkerFit(body, gate=config.gate)
-        self._patience = config.max_hold
+        self._timeout = config.max_hold
         self._names, self._each = names, len(body.markers) // len(names)
         fit = self._fit
         chains = [chain if chain == "torso" else f"{side}_{chain}" for chain in config.chains]
@@ -162,7 +162,7 @@ class ArmAngles(Controller):
     def update(self, dt: float) -> None:
         self._solve(dt, 1)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the figures since the last reset: frames, frames that fitted nothing, and for each marker (or
         segment) the share of frames in which it wasn't seen, and in which it was rejected."""
         count = max(self._frames, 1)
@@ -192,7 +192,7 @@ class ArmAngles(Controller):
         out["used"][:] = used
         out["used"][rejected] = -1.0
         self._gone = self._gone + dt if fit.held[self._way].any() else max(0.0, self._gone - dt)
-        self.lost = self._gone > self._patience
+        self.lost = self._gone > self._timeout
         self._seen_once |= not fit.held[self._torso].any()
         if not self._seen_once:
             for name in ("chest", "hand", "forearm", "nodes"):

@@ -101,7 +101,7 @@ class Ikns(Controller):
         self._table = np.hstack([directions, lower, ranges, bounds])
         self._unseen = config.unseen
         self._middle, self._scale = found.sites.mean(axis=0), 1.0 - config.inset
-        self._clamp, self._catch_up, self._patience = config.clamp, config.catch_up, config.max_hold
+        self._clamp, self._catch_up, self._timeout = config.clamp, config.catch_up, config.max_hold
         self.inputs = (
             Signal(name="angles", shape=(self._n,), unit="rad", labels=made.joints),
             Signal(name="hand", shape=(7,), unit="m", frame=made.frame, labels=POSE),
@@ -149,7 +149,7 @@ class Ikns(Controller):
             self._missed += dt
         else:
             self._for, self._missed = 0.0, max(0.0, self._missed - dt)  # a good frame now and then isn't a person
-        self.lost = self._missed > self._patience
+        self.lost = self._missed > self._timeout
         # What comes back, be it c itself or a joint that it did without, moves c at `catch_up`.
         back = before if not (frozen & ~self._frozen).any() else np.ones(self._k, dtype=bool)
         np.copyto(self._behind, c - now, where=back)
@@ -192,7 +192,7 @@ class Ikns(Controller):
             found.clip(0.0, 1.0, out=found)
         return found
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the figures of the run, since the last reset.
 
         person, date: of the calibration; held, outside: share of the cycles in which some c was held, and in which the

@@ -200,7 +200,7 @@ class MarkerFit:
 
     def _judge(self, seen: Mask) -> None:
         """Says what is held, which may be more than what the markers don't show; the fit goes on all the same."""
-        self._doubtful, self.held = self._doubts(seen), self._blind
+        self._doubtful, self.held = self._warnings(seen), self._blind
         if self._doubtful:
             self.held = np.ones_like(self._blind)
         elif self._blind.any():
@@ -209,7 +209,7 @@ class MarkerFit:
                     self.held = self.held | carried
         self._beyond = self.held is not self._blind
 
-    def _doubts(self, seen: Mask) -> bool:
+    def _warnings(self, seen: Mask) -> bool:
         """Whether a search would refuse this fit: too many markers left out, too far off, no person's posture."""
         if np.count_nonzero(self.rejected) > np.count_nonzero(seen) // _SPARE or self.residual > _NEAR * self.gate:
             return True

@@ -143,7 +143,7 @@ class Intention(Controller):
         for name in ("action", "posterior", "confidence", "distance", "rejected"):
             self.output[name][:] = 0.0
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the figures of the run, since the last reset.
 
         person, date: of the recogniser; actions: how often each began; rejected: share of the looks; gaps: how often

@@ -54,7 +54,7 @@ class IndependentOperation(Controller):
 
     A reset pauses the task and keeps its phase. It is resumed by a press or an action, and the tip goes back to the
     path at a limited speed. Where the body, the position or a button isn't finite the arm brakes on its way and the
-    task pauses; after `patience` they are lost.
+    task pauses; after `timeout` they are lost.
     """
 
     Config = IndependentOperationConfig
@@ -134,7 +134,7 @@ class IndependentOperation(Controller):
         self._last[:] = q
         good = self._sees()
         self._missed = 0.0 if good else self._missed + dt
-        self.lost = self._missed > self._options.patience
+        self.lost = self._missed > self._options.timeout
         if not good:
             self._fresh, self._running = True, False
             self._teaching.drop("the body, a button or the arm's position wasn't there")
@@ -155,11 +155,11 @@ class IndependentOperation(Controller):
             self._tally.taught += 1
             self._tell()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the figures of `srl.control.operation.tally`, and why the last demonstration was refused."""
         shown = self._options.shown
         whose = {} if shown is None else {"person": shown.person, "simulated": shown.simulated}
-        return {**whose, **self._tally.figures(), "refused": self._teaching.refused or None}
+        return {**whose, **self._tally.metrics(), "refused": self._teaching.refused or None}
 
     # -- parts of an update
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -40,6 +40,8 @@ class IntentionOption(Options):
 class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
     """Options of `independent-operation`."""
 
+    renamed: ClassVar[dict[str, str]] = {"patience": "timeout"}
+
     task: _TaskFile | None = Field(
         None, description="the file of a task, beside the profile; without it there is one once it is taught"
     )
@@ -58,7 +60,7 @@ class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
     posture: dict[str, Finite] | None = Field(
         None, description="rad or m, of each joint: where it goes as far as the task lets it; null: mid-range"
     )
-    patience: float = Field(0.1, ge=0.0, lt=2.0, description="s without body, button or position before they are lost")
+    timeout: float = Field(0.1, ge=0.0, lt=2.0, description="s without body, button or position before they are lost")
     replay: ReplayOptions = ReplayOptions()
     thresholds: Thresholds = Thresholds()
     frame: str | None = Field(None, description="frame of the profile's tree that the suit's world is")

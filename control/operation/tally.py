@@ -30,7 +30,7 @@ class Tally:
         self.waited += dt * waits
         self.blocked += dt * blocked
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """By name; mm of the measured tip from the path's place, s on the task."""
         n = int(self._bins.sum())
         p95 = int(np.searchsorted(np.cumsum(self._bins), 0.95 * n)) + 1 if n else 0

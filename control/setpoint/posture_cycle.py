@@ -89,6 +89,6 @@ class PostureCycle(Controller):
         self._left -= dt
         self._going = self._left <= 0.0
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns arrivals: how often a posture was reached."""
         return {"arrivals": self._arrivals}

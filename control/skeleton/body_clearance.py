@@ -199,7 +199,7 @@ class BodyClearance(Clearance):
         self, motion: Braking, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]
     ) -> bool:
         # Most pairs are so far apart that the whole way wouldn't do, judged from where the limb is now.
-        first = self._begun(nodes[:1])
+        first = self._started(nodes[:1])
         bound = reserve(
             first.height[0], first.speed[0], travel, float(motion.until[-1]), self._ages, slack, self._needed
         )
@@ -229,7 +229,7 @@ class BodyClearance(Clearance):
             self._worst = other.name(worst)
         return is_clear(judged.margin, judged.distance, crawl[judged.own])
 
-    def _begun(self, nodes: Array) -> Seen:
+    def _started(self, nodes: Array) -> Seen:
         """All pairs where the limb is now. What the guard tries within a cycle all begins there."""
         place = nodes.tobytes()
         if self._first is None or self._first[0] != place:

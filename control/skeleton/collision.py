@@ -110,7 +110,7 @@ class Collision(Controller):
         if self._picture is not None:
             self._picture.fill(out, body.ends @ R.T + p, nodes @ R.T + p)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """The least distance of the run with its pair, and what isn't compared."""
         worst = int(self._closest.argmin())
         return {

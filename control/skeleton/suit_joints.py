@@ -127,7 +127,7 @@ class SuitJoints(Controller):
         self._losses += lost and not self.lost
         self.lost = lost
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """How often a segment was hidden for too long."""
         return {"losses": self._losses}
 

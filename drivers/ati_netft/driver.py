@@ -129,7 +129,7 @@ class AtiNetFt(Sensor):
                 link.write(request(Request.STOP))
             link.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the product, missing and discarded records, repeated requests, and the latch."""
         return {
             "product": self._settings.product,

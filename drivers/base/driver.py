@@ -204,7 +204,7 @@ class MobileBase(Driver):
         """See `Driver.stop_frames`: requests zero velocity from the zenoh process."""
         return self._link.stop_frames
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns commands handed over, the odometry's frame, and the newest sample's delay over the fastest's (ns)."""
         return {"commands": self._published, "frame": self._frame, "delay_ns": self._time.delay}
 

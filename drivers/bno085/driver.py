@@ -93,7 +93,7 @@ class Bno085(SerialImu[Record]):
             link.close()
         return "a BNO085 in UART-RVC mode, heard only"
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns its rate, frames that never came, frames with an old index, and how often the sensor began anew."""
         return {
             "rate_hz": round(self._clock.rate, 2),

@@ -26,7 +26,7 @@ PAUSE: Final = 100_000_000  # ns without a command, after which an axis may have
 WAKING: Final = 1_000_000_000  # ns within which a drive must obey after its first command
 REPEAT: Final = 20_000_000  # ns after which a stop that isn't confirmed is sent again
 LEAST: Final = 3  # times that it is sent: what a drive said may be older than it
-_PATIENCE: Final = 0.2  # s that a request may wait for its answer while the bus is opened
+_TIMEOUT: Final = 0.2  # s that a request may wait for its answer while the bus is opened
 
 
 class CanAxes(Driver):
@@ -61,7 +61,7 @@ class CanAxes(Driver):
         self._repeats = 0
         self._now = 0
         self._foreign = self._blocked = ""
-        self._begun = False  # all obeyed since the last LIMP
+        self._started = False  # all obeyed since the last LIMP
         self._counts = [0, 0]  # frames, errors
         self._message = ""
         self._held: dict[int, can.Message] = {}  # the newest command by drive
@@ -136,7 +136,7 @@ class CanAxes(Driver):
                 drive.forget()
                 drive.heard, drive.left, drive.refused, drive.silent = -1, -1, -1, False
             self._foreign = self._blocked = ""
-            self._begun = False
+            self._started = False
             self._message = self.identify(link)
             for drive in self.drives:
                 self._place(drive, first)
@@ -231,7 +231,7 @@ class CanAxes(Driver):
                     continue
                 if not drive.armed and not self._wake(link, i, wanted, now):
                     continue
-                value = wanted if self._begun or self.config.mode == "torque" else drive.first
+                value = wanted if self._started or self.config.mode == "torque" else drive.first
                 message = self.input(i, value)
                 if link.write(message):
                     held[i], drive.left, drive.refused = message, now, -1
@@ -242,7 +242,7 @@ class CanAxes(Driver):
             self.health.lost(error.problem)
             raise
         self._held = held
-        self._begun = self._begun or all(drive.armed or drive.stopped for drive in self.drives)
+        self._started = self._started or all(drive.armed or drive.stopped for drive in self.drives)
 
     def _strayed(self, drive: Drive, value: float, now: int) -> bool:
         """Whether an axis went, or may have gone, away from its command while none left: it would be pulled back."""
@@ -282,7 +282,7 @@ class CanAxes(Driver):
         with contextlib.suppress(DeviceError):  # the next read reports a lost link
             if category is Stop.LIMP:
                 if not self._let_go:
-                    self._let_go, self._begun, self._since, self._held = True, False, self._now, {}
+                    self._let_go, self._started, self._since, self._held = True, False, self._now, {}
                     self._repeated, self._repeats = self._now - REPEAT, 0
                     for drive in self.drives:
                         drive.release()
@@ -355,7 +355,7 @@ class CanAxes(Driver):
         """Somebody else commands these drives."""
         self._foreign = f"another program commands these drives ({what}); they obey both. End it: a bus has one host"
 
-    def question(self, link: CanLink, message: can.Message, answer: int, seconds: float = _PATIENCE) -> list[bytes]:
+    def question(self, link: CanLink, message: can.Message, answer: int, seconds: float = _TIMEOUT) -> list[bytes]:
         """Sends a request and returns all answers with this identifier; blocks, for `identify` only."""
         link.read()
         link.write(message)

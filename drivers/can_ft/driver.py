@@ -115,7 +115,7 @@ class CanFt(Sensor):
         self._overloads = 0
         self._asks = 0
         period = 1_000_000_000 // config.rate
-        self._patience = max(ASK_AGAIN, PERIODS * period)
+        self._timeout = max(ASK_AGAIN, PERIODS * period)
         # A sensor that lost power forgets these settings, so they are sent again with each new stream request.
         cutoff = CUTOFFS.index(config.filter)
         self._settings = (
@@ -162,7 +162,7 @@ class CanFt(Sensor):
                 self._fill(newest, at, now)
             elif now - self._heard > GONE:
                 raise DeviceLostError(self._place, f"no records for {GONE / 1e9:g} s", _REMEDY)
-            elif now - max(self._heard, self._asked) > self._patience:
+            elif now - max(self._heard, self._asked) > self._timeout:
                 self._asked = now
                 self._asks += self._ask_again(link)
                 self.health.message = f"no records; the stream was asked for again {self._asks} times"
@@ -178,7 +178,7 @@ class CanFt(Sensor):
                 link.write(self._message(command(Command.STOP)))
             link.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns model, serial number, firmware; records with an overload; number of repeated stream requests."""
         return self._names | {"overloads": self._overloads, "asked_again": self._asks}
 

@@ -29,11 +29,11 @@ from ruamel.yaml.error import YAMLError
 
 from srl.drivers.cyberglove.protocol import LABELS
 from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts.checksummed import HASH, ChangedError, opened
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import ProfileError, nearest
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.glove_record import GloveRecord
-from srl.runtime.contracts.sealed import HASH, ChangedError, opened
 from srl.runtime.contracts.signals import Array
 
 _RAW: Final = np.arange(256, dtype=float)
@@ -233,9 +233,9 @@ def _guided(path: Path, text: str, sensors: int) -> Calibration:
     fits = {name: Fit(gain=line.gain, offset=line.offset) for name, line in made.sensors.items()}
     known = [name for name in made.average if name in LABELS[sensors]]
     table = _table(path, fits | {name: _typical(name) for name in known}, sensors)
-    told = ["calibrated in simulation, which says nothing about a real glove"] if made.simulated else []
-    told += [f"{', '.join(known)}: of an average hand"] if known else []
-    return Calibration(table, note="; ".join(told), hand=made.hand, person=made.person, simulated=made.simulated)
+    reported = ["calibrated in simulation, which says nothing about a real glove"] if made.simulated else []
+    reported += [f"{', '.join(known)}: of an average hand"] if known else []
+    return Calibration(table, note="; ".join(reported), hand=made.hand, person=made.person, simulated=made.simulated)
 
 
 def _refused(path: Path, error: ValidationError, remedy: str) -> ProfileError:

@@ -148,7 +148,7 @@ class CyberGlove(Sensor):
             link.close()
         return f"a {'right' if right == 1 else 'left'} glove with {sensors} sensors{settings}"
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns how often streaming was requested again, and how many records the glove marked as too slow."""
         return {"restarts": self._restarts, "slow_records": self._slow}
 

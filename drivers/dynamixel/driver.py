@@ -238,7 +238,7 @@ class Dynamixel(Driver):
                 self._recovery = Recovery(family, faults, reboot, now)
         self._name_faults()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns firmware versions by motor, exchanges, and requests that weren't answered in full."""
         firmware = dict(zip(self.config.motors, self._bus.firmware, strict=True)) if self._bus else {}
         return {"firmware": firmware, "exchanges": self._exchanges, "unanswered": self._unanswered}

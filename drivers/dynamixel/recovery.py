@@ -12,7 +12,7 @@ from srl.drivers.dynamixel.line import Request
 from srl.drivers.dynamixel.setup import watchdog_code
 from srl.drivers.dynamixel.table import Register
 
-PATIENCE: Final = 3_000_000_000  # ns a servo may take to come back from a reboot
+TIMEOUT: Final = 3_000_000_000  # ns a servo may take to come back from a reboot
 PAUSE: Final = 200_000_000  # ns between attempts
 
 Script = Generator[Request | None, int, None]  # yields the next request, or None to wait; receives the time
@@ -55,7 +55,7 @@ class Recovery:
             if i in self._reboot:
                 id = self._family.ids[i]
                 now = yield Request(protocol2.reboot(id), (id,), 0, "recovery")
-        end, later = now + PATIENCE, now + PAUSE * bool(self._reboot)
+        end, later = now + TIMEOUT, now + PAUSE * bool(self._reboot)
         waiting = list(self._motors)
         while waiting:
             while now < later:

@@ -47,9 +47,9 @@ class StoredGoals(Goals):
         near = self._waking(command, position, away)
         ready = [i for i in near if abs(self.stored[i] - units.seen[i]) <= self._reach]
         self.waiting = len(ready) < len(near)
-        told = np.array(self.powered)
-        told[near] = True
-        goals = units.again(told) if told.any() else b""
+        reported = np.array(self.powered)
+        reported[near] = True
+        goals = units.again(reported) if reported.any() else b""
         self._next = goals
         if ready:
             goals += units.frame("torque_enable", 1, [units.ids[i] for i in ready])

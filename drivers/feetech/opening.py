@@ -270,8 +270,8 @@ def _scan(port: str, place: str, rates: Sequence[int]) -> tuple[int, dict[int, i
         try:
             found: dict[int, int | None] = {}
             for id in _heard(link):
-                said = [s.data for s in _answers(link, protocol.read(id, model.address, model.size)) if s.id == id]
-                whole = [data for data in said if len(data) == model.size]
+                output = [s.data for s in _answers(link, protocol.read(id, model.address, model.size)) if s.id == id]
+                whole = [data for data in output if len(data) == model.size]
                 found[id] = model.decode(whole[0], model.address) if whole else None
             if found:
                 return rate, found

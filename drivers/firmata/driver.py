@@ -228,7 +228,7 @@ class Firmata(Driver):
         """The conversion from angle to pulse and back, for each servo in the profile's order."""
         return self._calibrations
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the firmware's name, and the pulses last sent (µs, None while detached) by joint."""
         return {
             "firmware": self._firmware,

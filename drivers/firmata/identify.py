@@ -107,10 +107,10 @@ def _version(messages: Iterator[Message]) -> Version | None:
 
 def _unknown(url: str, heard: bytes, place: str) -> DeviceError:
     if heard:
-        said = heard[:16].hex(" ")
+        output = heard[:16].hex(" ")
         return DeviceError(
             place,
-            f"what answers at {url} with {protocol.BAUDRATE} baud isn't a Firmata board: it said {said}",
+            f"what answers at {url} with {protocol.BAUDRATE} baud isn't a Firmata board: it said {output}",
             f"Check that 'port' names the board, not another device. If it does: {FLASH}",
         )
     return DeviceError(

@@ -39,11 +39,11 @@ class Rate:
         """Takes the newest sample's number and arrival (ns). Returns the rate found (Hz) where it is another."""
         if self._since is None:
             self._since = number, arrived
-        begun, since = self._since
+        started, since = self._since
         if arrived - since < WINDOW:
             return None
         self._since = number, arrived
-        found = (number - begun) / (arrived - since) * 1e9
+        found = (number - started) / (arrived - since) * 1e9
         return None if SLOW * self._rate <= found <= FAST * self._rate else found
 
 
@@ -102,9 +102,9 @@ class Lsl(Sensor):
             wanted, exposed = config.stream.predicate(), config.unencrypted_network
             order = wire.Order(config.host, config.number, exposed, config.here, wanted)
             self._helper.tell(wire.words(b"O", order._asdict()))
-            told = self._await(START, "R")
-            assert isinstance(told, wire.Words)
-            self._rows = Rows(config, match(self._place, config, told.content))
+            reported = self._await(START, "R")
+            assert isinstance(reported, wire.Words)
+            self._rows = Rows(config, match(self._place, config, reported.content))
             if config.rate:
                 self._check_clock(self._await(FIRST, "D"))
         except ProcessEndedError:
@@ -114,7 +114,7 @@ class Lsl(Sensor):
         except BaseException:
             self.close()
             raise
-        uid = str(told.content["uid"])
+        uid = str(reported.content["uid"])
         self.health.message = "the sender has started anew" if self._uid not in ("", uid) else ""
         self._uid = uid
         self.health.opened()
@@ -205,6 +205,6 @@ class Lsl(Sensor):
         self.health.lost(problem)
         raise DeviceLostError(self._place, problem, remedy)
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """Returns the stream's uid: another one is another start of its sender."""
         return {"uid": self._uid}

@@ -21,7 +21,7 @@ import numpy as np
 
 from srl.drivers.lsl import wire
 from srl.runtime.contracts.errors import RequestError
-from srl.runtime.contracts.reach import refuse_strangers
+from srl.runtime.contracts.exposure import refuse_strangers
 
 POLL: Final = 0.002  # s between looks for samples
 LOOK: Final = 1.0  # s between looks at the clock's offset and at the machine's addresses

@@ -51,7 +51,7 @@ class MitCan(Driver):
     gives = STATES
     takes = COMMANDS
     max_age = 0.05
-    patience = 1.0  # of the opening, for whoever answers slower or at once
+    timeout = 1.0  # of the opening, for whoever answers slower or at once
 
     def __init__(self, name: str, config: MitCanConfig) -> None:
         super().__init__(name, config)
@@ -77,7 +77,7 @@ class MitCan(Driver):
 
     def _forget(self) -> None:
         self._motors: list[Motor] = []
-        self._begun = False  # all were armed since the last stop
+        self._started = False  # all were armed since the last stop
         self._cleared = -1  # ns, until which replies may still show errors that were cleared
         self._writing = self._moved = False
         self._rest = Stop.DAMP  # what an enabled motor without a command does
@@ -96,7 +96,7 @@ class MitCan(Driver):
         link = self.connect()
         try:
             stoppable(link, self.config, self._place)
-            found = Opening(link, self.config, self._place, self.patience).find()
+            found = Opening(link, self.config, self._place, self.timeout).find()
             if self.health.was_open:
                 stood = [motor.position + self._axes.offset[motor.number] for motor in self._motors]
                 same_place(found, stood, self.config, self._place)
@@ -162,14 +162,14 @@ class MitCan(Driver):
         except DeviceLostError as error:
             self.health.lost(error.problem)
             raise
-        self._begun = self._begun or all(motor.armed for motor in self._motors)
+        self._started = self._started or all(motor.armed for motor in self._motors)
 
     def stop(self, category: Stop) -> None:
         """See `Driver.stop`. DAMP: damping alone, again in each call. LIMP: no torque; a Damiao is disabled, too."""
         line = self._line
         if line is None or category not in (Stop.DAMP, Stop.LIMP):
             return
-        self._rest, self._writing, self._begun = category, True, False
+        self._rest, self._writing, self._started = category, True, False
         with contextlib.suppress(DeviceError):  # the next read reports a lost link
             for motor in self._motors:
                 motor.disarm()
@@ -242,7 +242,7 @@ class MitCan(Driver):
         faults.clear()
         self.health.fault = ""
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Replies taken, and frames for which the bus had no room."""
         return {"replies": self.health.frames, "refused": self._refused + (self._line.refused if self._line else 0)}
 
@@ -257,7 +257,7 @@ class MitCan(Driver):
         if not isfinite(value):
             line.send(i, motor.last or motor.damp, now)
             return
-        if not self._begun and self._kind is not Kind.TORQUE:
+        if not self._started and self._kind is not Kind.TORQUE:
             value = motor.first
         value = self._axes.clear(i, value)
         held = motor.damp

@@ -48,9 +48,9 @@ class Found:
 class Opening:
     """One opening; see the module's docstring. Every method raises DeviceError with its remedy."""
 
-    def __init__(self, link: CanLink, config: MitCanConfig, place: str, patience: float = 1.0) -> None:
-        """`patience`: by how much it waits longer than usual; 0: whoever answers does so at once."""
-        self._link, self._config, self._place, self._patience = link, config, place, patience
+    def __init__(self, link: CanLink, config: MitCanConfig, place: str, timeout: float = 1.0) -> None:
+        """`timeout`: by how much it waits longer than usual; 0: whoever answers does so at once."""
+        self._link, self._config, self._place, self._timeout = link, config, place, timeout
         self._v3 = config.generation == "v3"
 
     def find(self) -> Found:
@@ -266,14 +266,14 @@ class Opening:
         step = turn * abs(scale)
         low, high = ceil((motor.lower - slack - axis) / step), floor((motor.upper + slack - axis) / step)
         places = [axis + k * step for k in range(low, high + 1)]
-        told = ", ".join(f"{place:.2f}" for place in places)
+        reported = ", ".join(f"{place:.2f}" for place in places)
         if motor.park is not None:
             park = motor.park
             near = min(places, key=lambda place: abs(place - park), default=None)
             if near is None or abs(near - park) > step / 4:
                 raise DeviceError(
                     self._place,
-                    f"{who} isn't parked at {park:g}: it could stand at {told or 'no angle of its travel'}",
+                    f"{who} isn't parked at {park:g}: it could stand at {reported or 'no angle of its travel'}",
                     "Power it off, bring it to its park by hand, power it on and open it again",
                 )
             places = [near]
@@ -287,7 +287,7 @@ class Opening:
         if len(places) > 1:
             raise DeviceError(
                 self._place,
-                f"{who} could stand at {told}: after power-up its encoder knows its angle only within {step:.2f}",
+                f"{who} could stand at {reported}: after power-up its encoder knows its angle only within {step:.2f}",
                 "Add 'park', the angle at which it rests when it gets power, and bring it there before; or narrow its "
                 "travel",
             )
@@ -326,14 +326,14 @@ class Opening:
                 found = now
         return found
 
-    def _gather(self, fits: Callable[[can.Message], bool], patience: float, more: float = 0.0) -> list[can.Message]:
-        """The frames that fit: the first within `patience`, further ones within `more` after it."""
-        deadline, found = time.monotonic() + patience * self._patience, list[can.Message]()
+    def _gather(self, fits: Callable[[can.Message], bool], timeout: float, more: float = 0.0) -> list[can.Message]:
+        """The frames that fit: the first within `timeout`, further ones within `more` after it."""
+        deadline, found = time.monotonic() + timeout * self._timeout, list[can.Message]()
         while True:
             left = deadline - time.monotonic()
             new = [message for message in self._link.read_wait(max(left, 0.0)) if fits(message)]
             if new and not found:
-                deadline = time.monotonic() + more * min(self._patience, 1.0)
+                deadline = time.monotonic() + more * min(self._timeout, 1.0)
             found += new
             if time.monotonic() >= deadline:
                 return found
@@ -379,11 +379,11 @@ def same_place(found: Found, before: list[float], config: MitCanConfig, place: s
     ):
         now = state.position + offset
         if motor.park is not None and abs(now - was) > config.start_tolerance:
-            told = [(shaft - motor.zero) * motor.scale for shaft in (was, now)]
+            reported = [(shaft - motor.zero) * motor.scale for shaft in (was, now)]
             raise DeviceError(
                 place,
-                f"'{name}' (id {motor.id}) stood at {told[0]:.2f} when it was last heard, and would be at "
-                f"{told[1]:.2f} if it was parked",
+                f"'{name}' (id {motor.id}) stood at {reported[0]:.2f} when it was last heard, and would be at "
+                f"{reported[1]:.2f} if it was parked",
                 "Nobody can tell its turns now: support the limb, park it, switch its drives off and on there, and "
                 "start the run anew",
             )

@@ -111,7 +111,7 @@ class NatNet(Sensor):
         self.health.connected = False
         self._client.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Frames that never came, that came behind newer ones, that showed nothing wanted, of a take; of others."""
         client = self._client
         return {

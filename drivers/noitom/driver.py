@@ -111,7 +111,7 @@ class Noitom(Sensor):
         if link is not None:
             link.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the measured frame rate, frames that were never received, frames of other avatars."""
         return {"rate_hz": round(self._clock.rate, 2), "gaps": self._gaps, "others": self._parser.others}
 
@@ -131,8 +131,8 @@ class Noitom(Sensor):
 
     def _fill(self, frame: Frame, came: int, now: int) -> None:
         self._pose.fill(frame, self.state_arrays)
-        if doubt := self._floor.doubt(frame.split()[1], self.state_arrays["translation"]):
-            self.health.message = doubt
+        if warning := self._floor.warning(frame.split()[1], self.state_arrays["translation"]):
+            self.health.message = warning
         number = frame.number if frame.number >= 0 else self._parser.frames
         if frame.number >= 0 and self._number >= 0:
             self._gaps += max(frame.number - self._number - came, 0)

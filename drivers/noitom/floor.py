@@ -41,7 +41,7 @@ class Floor:
         self._count = 0
         self._q = np.zeros((JOINTS, 4))
 
-    def doubt(self, degrees: Array, translation: Array) -> str:
+    def warning(self, degrees: Array, translation: Array) -> str:
         """Takes a frame; says which order fits better, "" as long as none does.
 
         Args:

@@ -6,9 +6,9 @@ import json
 
 from pydantic import ValidationError
 
+from srl.runtime.contracts.checksummed import HASH, ChangedError, opened
 from srl.runtime.contracts.errors import ProfileError
 from srl.runtime.contracts.files import KeptFile
-from srl.runtime.contracts.sealed import HASH, ChangedError, opened
 from srl.runtime.contracts.suit_record import SuitRecord
 
 _AGAIN = "Calibrate again: `srl calibrate PROFILE suit`"

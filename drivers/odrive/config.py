@@ -9,8 +9,8 @@ from pydantic import Field, field_validator, model_validator
 
 from srl.drivers.can_axes.config import CanAxesConfig, CanAxis, Finite, Positive
 from srl.drivers.odrive.protocol import Firmware
+from srl.runtime.contracts.checksummed import opened
 from srl.runtime.contracts.files import FileOption, KeptFile
-from srl.runtime.contracts.sealed import opened
 
 PATHS: Final = {
     "axis0.config.watchdog_timeout": "float",

@@ -279,6 +279,6 @@ class Odrive(CanAxes):
         self._axes[i].obeyed = False
         return [protocol.set_state(node, IDLE), protocol.clear(node, self.options.firmware)]
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns each axis' state in words."""
         return {"states": {name: words.state(axis.state) for name, axis in zip(self.labels, self._axes, strict=True)}}

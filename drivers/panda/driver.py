@@ -280,7 +280,7 @@ class Panda(Driver):
         """Returns the socket of the robot's states: readable at each robot cycle. Commands are sent through it, too."""
         return self._states.fileno() if self._states is not None else None
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns protocol, motions begun, and states that never came (by gaps in the message id)."""
         moves = self._moves + self._motion.started
         return {"robot": BY_VERSION[self._version].name, "moves": moves, "lost_states": self._lost}

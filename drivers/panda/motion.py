@@ -23,7 +23,7 @@ from srl.drivers.panda.state import Modes, StateReader
 from srl.runtime.contracts.compiled import bind_or_python, numbers, undone
 from srl.runtime.contracts.signals import Array, Kind
 
-PATIENCE: Final = 1000  # states to wait for a reply after the motion's end, or for the motion after its start
+TIMEOUT: Final = 1000  # states to wait for a reply after the motion's end, or for the motion after its start
 STARVED: Final = 25_000_000  # ns without a state to answer: the robot ends a motion after 20 lost packets (sheet)
 STILL: Final = 0.02  # share of the velocity limit: slower than this a joint is at rest
 _SEVEN: Final = Struct("<7d")
@@ -85,7 +85,7 @@ class Motion:
             )
         self._damping = [E / V for E, V in zip(self._limits.effort, self._limits.velocity, strict=True)]
         self._still = [STILL * V for V in self._limits.velocity]
-        self._begun = False  # the robot has reported that the motion started
+        self._started = False  # the robot has reported that the motion started
         self._flagged = False
         self._answered = 0  # message id
         self._hidden = 0  # consecutive states that don't show the motion
@@ -93,27 +93,27 @@ class Motion:
     def ask(self) -> Move:
         """Returns the request that begins a motion; its replies go to `reply`."""
         self.phase, self.outcome = Phase.ASKED, ""
-        self._begun = self._flagged = False
+        self._started = self._flagged = False
         self._hidden = 0
         return self.request
 
     def reply(self, reply: Reply) -> None:
         """Takes a reply to Move."""
         if reply.status is Status.MOTION_STARTED:
-            self._begun = True
+            self._started = True
             return
         wanted = reply.status is Status.SUCCESS and self._flagged
         if not wanted and self.phase is not Phase.NONE:
-            self.outcome = f"motion {reply.status}" if self._begun else f"no motion: {reply.status}"
+            self.outcome = f"motion {reply.status}" if self._started else f"no motion: {reply.status}"
         self.phase = Phase.NONE
 
     def watch(self, modes: Modes, data: bytes) -> None:
         """Takes a state: the motion runs from the first state that shows it."""
-        if self.phase is _NONE or not self._begun:
+        if self.phase is _NONE or not self._started:
             return
         if not self.shown(modes):
             self._hidden += 1
-            if self._hidden > PATIENCE:
+            if self._hidden > TIMEOUT:
                 self.phase, self.outcome = Phase.NONE, "motion ended without a word of the robot"
             return
         self._hidden = 0

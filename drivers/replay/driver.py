@@ -39,7 +39,7 @@ class Player:
         """Reads the recording. Raises RecordingError."""
         self._track = load(str(config.recording), config.device, config.start)
         self._at_end, self._place = config.at_end, place
-        self._begun: int | None = None
+        self._started: int | None = None
         self._last = -1  # number of the newest sample; keeps counting when the track is repeated
         self.signals = self._track.signals
         self.stamp = -1
@@ -50,7 +50,7 @@ class Player:
         """Begins again at the next call of `play`. Raises DeviceError if the recording is over."""
         if self.over:
             raise DeviceError(self._place, "the recording is over", "Set `at_end: loop` to repeat it")
-        self._begun, self._last = None, -1
+        self._started, self._last = None, -1
 
     def play(self, now: int) -> list[Array] | None:
         """Returns the newest values by signal; None if there are no newer ones than last time.
@@ -58,9 +58,9 @@ class Player:
         Raises:
             DeviceLostError: the recording is over, with `at_end: lose`.
         """
-        if self._begun is None:
-            self._begun = now
-        track, elapsed, rounds = self._track, now - self._begun, 0
+        if self._started is None:
+            self._started = now
+        track, elapsed, rounds = self._track, now - self._started, 0
         if self._at_end == "loop":
             rounds, elapsed = divmod(elapsed, track.length)
         elif elapsed >= track.length and self._at_end == "lose":
@@ -73,7 +73,7 @@ class Player:
         if elapsed >= track.length:
             self.stamp = now  # `at_end: hold`: the sample counts as new, as requested
         else:
-            self.stamp = self._begun + rounds * track.length + int(track.arrived[number] - track.age[number])
+            self.stamp = self._started + rounds * track.length + int(track.arrived[number] - track.age[number])
         if count == self._last:
             return None
         self.frames += max(count - self._last, 1)

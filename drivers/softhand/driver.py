@@ -33,7 +33,7 @@ ASK_IDLE: Final = 20_000_000  # ns between queries while there are no commands
 ASK_AGAIN: Final = 50_000_000  # ns without an answer after which a query is sent again, without a command
 CHECK: Final = 100_000_000  # ns between queries whether the motor is on
 GONE: Final = 500_000_000  # ns without an answer after which the hand counts as lost
-PATIENCE: Final = 1_000_000_000  # ns that switching on the motor may take
+TIMEOUT: Final = 1_000_000_000  # ns that switching on the motor may take
 _LONG_AGO: Final = -(1 << 62)
 _OFF, _TURNING_ON, _ON, _TURNING_OFF = Motor  # looking a member up takes longer than comparing it
 _GET_BOTH, _GET_ACTIVATE = Cmd.GET_BOTH, Cmd.GET_ACTIVATE
@@ -80,7 +80,7 @@ class SoftHand(Driver):
         self._parser = Parser()
         self._link: Transport | None = None
         self._range = USUAL
-        self._told = ""  # where the range comes from
+        self._reported = ""  # where the range comes from
         self._serial = ""
         self._queries = {query: protocol.frame(config.id, query) for query in (_GET_BOTH, _GET_ACTIVATE)}
         self._queries[Cmd.SET_WATCHDOG] = protocol.set_watchdog(config.id, round(config.watchdog * 1000))
@@ -97,7 +97,7 @@ class SoftHand(Driver):
         # ns: the newest query; the newest repeated query; the newest call of `write`; the newest reference; the newest
         # query whether the motor is on; since when the motor is being switched on
         self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
-        self._doubts = 0  # consecutive answers that the motor is off, while it should be on
+        self._warnings = 0  # consecutive answers that the motor is off, while it should be on
         self._surely_off = False  # the hand has confirmed that its motor is off, and got no other command since
         self._asks: deque[int] = deque()  # ns: position queries that may still be answered
         self._switched_off = 0
@@ -111,7 +111,7 @@ class SoftHand(Driver):
         try:
             opening = Opening(link, self._parser, self.config, self._place)
             self._serial = opening.identify()
-            self._range, self._told = opening.find_range()
+            self._range, self._reported = opening.find_range()
             on, self._armed = opening.arm(self._queries[Cmd.SET_WATCHDOG])
             self._surely_off = not on
         except BaseException:
@@ -123,7 +123,7 @@ class SoftHand(Driver):
         self._count()
         self.health.fault = ""
         self.health.opened()
-        self.health.message = self._told
+        self.health.message = self._reported
 
     def read(self, now: int) -> None:
         """See `Driver.read`. Also continues switching on or off."""
@@ -194,7 +194,7 @@ class SoftHand(Driver):
     def recover(self, now: int) -> None:
         """Clears the fault. The next start switches the motor on again, at the hand's position at that time."""
         self.health.fault = ""
-        self.health.message = self._told
+        self.health.message = self._reported
         self._motor = _OFF
         self._sent = self._hold_frames = None
 
@@ -233,7 +233,7 @@ class SoftHand(Driver):
             self._hold_frames = (protocol.FLUSH + watchdog + inputs,)
         return self._hold_frames
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns range (ticks), last reference sent (ticks), serial number, times the motor switched itself off."""
         return {
             "range": list(self._range),
@@ -268,19 +268,19 @@ class SoftHand(Driver):
         motor = self._motor
         if motor is _TURNING_ON and on and self._switched >= 0:
             self._motor = _ON
-            self._doubts = 0
+            self._warnings = 0
             self._sent = None
         elif motor is _TURNING_OFF and not on and self._switched >= 0:
             self._motor, self._surely_off = _OFF, True
         elif motor is _ON:
-            self._doubts = 0 if on else self._doubts + 1
-            if self._doubts == 2:
+            self._warnings = 0 if on else self._warnings + 1
+            if self._warnings == 2:
                 self._motor, self._surely_off = _OFF, True
                 self._switched_off += 1
                 self.health.fault = "the hand has switched its motor off (its watchdog, its supply, or by hand)"
 
     def _keep_asking(self, link: Transport, now: int) -> None:
-        if self._motor is _TURNING_ON and now - self._since > PATIENCE:
+        if self._motor is _TURNING_ON and now - self._since > TIMEOUT:
             self._motor = _OFF
             self.health.fault = "the hand doesn't switch its motor on"
         if self._waiting is not None:
@@ -328,7 +328,7 @@ class SoftHand(Driver):
         """Resets everything known about the hand before it was opened."""
         self._motor = _OFF
         self._sent = self._waiting = self._hold_frames = None
-        self._heard, self._switched, self._doubts = -1, -1, 0
+        self._heard, self._switched, self._warnings = -1, -1, 0
         self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
         self._asks.clear()
 

@@ -44,15 +44,19 @@ class Opening:
             DeviceError: the hand doesn't control its position, or the profile's range isn't within its own.
         """
         config = self._config
-        told = self._settings()
-        if told is not None and told.control:
-            mode = protocol.CONTROL[told.control] if told.control < len(protocol.CONTROL) else str(told.control)
+        reported = self._settings()
+        if reported is not None and reported.control:
+            mode = (
+                protocol.CONTROL[reported.control]
+                if reported.control < len(protocol.CONTROL)
+                else str(reported.control)
+            )
             raise DeviceError(
                 self._place,
                 f"the hand is set to control its {mode}, so a reference is no position",
                 "Set its control mode to position with the maker's program",
             )
-        own = told.limits if told is not None else None
+        own = reported.limits if reported is not None else None
         if config.limits is None:
             limits = own or USUAL
             source = "by the hand itself" if own else "assumed: the hand doesn't tell; give 'limits' to be sure"

@@ -201,7 +201,7 @@ class Ur(Driver):
         """
         return self._numbers.stop_frames
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the arm's identity and software, and the commands not sent because earlier ones were unanswered."""
         return {"identity": str(self._identity or ""), "held_back": self._held_back}
 

@@ -83,23 +83,23 @@ class Handshake:
 
     def _agree(self, kind: Kind, request: bytes, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
         answer = self._ask(kind, request)
-        said = answer[1:].decode("ascii", "replace").split(",")
-        if IN_USE in said:
-            taken = names[said.index(IN_USE)] if len(said) == len(names) else "an input"
+        output = answer[1:].decode("ascii", "replace").split(",")
+        if IN_USE in output:
+            taken = names[output.index(IN_USE)] if len(output) == len(names) else "an input"
             raise DeviceError(
                 self._place,
                 f"another client holds the arm's inputs ({taken})",
                 "End the other program (a second service, a PLC or fieldbus that claims the upper registers)",
             )
-        wrong = [f"{name} ({got})" for name, got, wanted in zip(names, said, types, strict=False) if got != wanted]
-        if wrong or len(said) != len(names):
-            absent = NOT_FOUND in said
+        wrong = [f"{name} ({got})" for name, got, wanted in zip(names, output, types, strict=False) if got != wanted]
+        if wrong or len(output) != len(names):
+            absent = NOT_FOUND in output
             raise DeviceError(
                 self._place,
-                f"the controller has no {', '.join(wrong)}" if absent else f"RTDE answers {','.join(said)[:120]}",
+                f"the controller has no {', '.join(wrong)}" if absent else f"RTDE answers {','.join(output)[:120]}",
                 f"PolyScope is {'.'.join(map(str, self.version[:3]))}; update it" if absent else _NOT_RTDE,
             )
-        return answer[0], Recipe(names, said)
+        return answer[0], Recipe(names, output)
 
     def _ask(self, kind: Kind, request: bytes) -> bytes:
         self._link.write_all(request, ANSWER)
@@ -118,7 +118,7 @@ class Handshake:
             data = self._link.read_wait(left)
             heard = (heard + data)[:12]
             self._early += self.parser.feed(data)
-        said = f"the bytes {heard.hex(' ')}" if heard else "nothing"
+        output = f"the bytes {heard.hex(' ')}" if heard else "nothing"
         raise DeviceError(
-            self._place, f"expected RTDE's answer '{chr(kind)}' at {self._link.url}, got {said}", _NOT_RTDE
+            self._place, f"expected RTDE's answer '{chr(kind)}' at {self._link.url}, got {output}", _NOT_RTDE
         )

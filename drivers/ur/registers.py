@@ -13,7 +13,7 @@ from typing import Final
 NONCE: Final = 24  # input and output int registers
 MODE: Final = 25
 SEQUENCE: Final = 26
-PATIENCE: Final = 27  # control cycles for which a command is valid
+TIMEOUT: Final = 27  # control cycles for which a command is valid
 VALUES: Final = 24  # first of six input double registers
 STATE: Final = 25  # output int register
 
@@ -41,7 +41,7 @@ class ScriptState(IntEnum):
 
 
 INPUTS: Final = (
-    *(f"input_int_register_{number}" for number in (NONCE, MODE, SEQUENCE, PATIENCE)),
+    *(f"input_int_register_{number}" for number in (NONCE, MODE, SEQUENCE, TIMEOUT)),
     *(f"input_double_register_{VALUES + joint}" for joint in range(6)),
 )
 INPUT_TYPES: Final = ("INT32",) * 4 + ("DOUBLE",) * 6

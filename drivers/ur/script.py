@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Final
 
 from srl.drivers.ur.config import UrConfig
-from srl.drivers.ur.registers import CYCLE, MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
+from srl.drivers.ur.registers import CYCLE, MODE, NONCE, SEQUENCE, STATE, TIMEOUT, VALUES, Mode, ScriptState
 
 NAME: Final = "srl_control"
 WATCHDOG: Final = 4.0  # Hz, lowest rate of inputs while the arm follows
@@ -37,7 +37,7 @@ def {name}():
   while state <= {{following}}:
     number = read_input_integer_register({sequence})
     asked = read_input_integer_register({mode})
-    held = read_input_integer_register({patience})
+    held = read_input_integer_register({timeout})
     values = [{values}]
     if read_input_integer_register({nonce_at}) != nonce:
       mode = {{stay}}
@@ -116,7 +116,7 @@ def program(config: UrConfig, nonce: int) -> str:
   end
 """
     numbered = _TEXT.format(
-        name=NAME, nonce=nonce, sequence=SEQUENCE, state=STATE, nonce_at=NONCE, mode=MODE, patience=PATIENCE,
+        name=NAME, nonce=nonce, sequence=SEQUENCE, state=STATE, nonce_at=NONCE, mode=MODE, timeout=TIMEOUT,
         values=", ".join(f"read_input_float_register({VALUES + joint})" for joint in range(6)),
         strange=STRANGE, alone=ALONE, watchdog=WATCHDOG, motion=motion, deceleration=config.deceleration,
         setup=setup,

@@ -91,7 +91,7 @@ class Vicon(Sensor):
         self.health.connected = False
         self._source.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns frames that never came, repeated frames, frames without anything wanted; the frame rate, Hz."""
         return {
             "missed_frames": self._missed,

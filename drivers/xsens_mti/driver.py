@@ -91,7 +91,7 @@ class XsensMti(SerialImu[Message]):
         finally:
             link.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns its id, messages that never came, restarts, clipped samples, and samples that it called invalid."""
         return {
             "id": self._id,

@@ -13,7 +13,7 @@ from srl.drivers.xsens_mti.protocol import ERRORS, EVERY, Id, Message, Parser, c
 from srl.runtime.contracts.errors import DeviceError
 
 ASK: Final = 0.1  # s between two equal questions
-PATIENCE: Final = 1.5  # s for an answer: after power-on it takes its time
+TIMEOUT: Final = 1.5  # s for an answer: after power-on it takes its time
 FIRST: Final = 1.0  # s for the first message with an orientation
 _WIRING: Final = "Check TX, RX and ground, its supply, and that the port is its own"
 
@@ -33,7 +33,7 @@ class Session:
         Raises:
             DeviceError: none comes, or an error.
         """
-        until, again = time.monotonic() + PATIENCE, 0.0
+        until, again = time.monotonic() + TIMEOUT, 0.0
         other: bytes | None = None
         while (now := time.monotonic()) < until:
             if now >= again:
@@ -71,7 +71,7 @@ class Session:
 
     def _nothing(self) -> DeviceError:
         if not self._heard:
-            return DeviceError(self._place, f"expected an MTi, got nothing in {PATIENCE:g} s", _WIRING)
+            return DeviceError(self._place, f"expected an MTi, got nothing in {TIMEOUT:g} s", _WIRING)
         if not self.parser.frames:
             return DeviceError(
                 self._place,

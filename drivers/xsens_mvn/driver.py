@@ -152,7 +152,7 @@ class XsensMvn(Sensor):
         if link is not None:
             link.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Samples that never came whole, that came late; datagrams of other persons, computers, types; restarts."""
         return {
             "missed_samples": self._missed,
@@ -236,7 +236,7 @@ class XsensMvn(Sensor):
 
     def _usable(self, places: Mapping[int, tuple[Point, Quaternion]]) -> bool:
         """Whether these can be m, and z up."""
-        self.health.message = self._sources.doubt
+        self.health.message = self._sources.warning
         if 1 in places and max(map(abs, places[1][0])) > _FAR:
             self.health.message = "the pelvis is more than 10 m away: is MVN sending centimetres?"
             return False
@@ -246,7 +246,7 @@ class XsensMvn(Sensor):
             self.health.message = "pelvis and head aren't in the stream: nothing tells which axis is up"
             return False
         usable = self._upright.judge(places[1][0], places[_HEAD][0], f"up: {self._config.up}")
-        self.health.message = self._upright.why or self._sources.doubt
+        self.health.message = self._upright.why or self._sources.warning
         return usable
 
     def _take_joints(self, found: Mapping[tuple[int, int], tuple[float, float, float]], now: int) -> None:
@@ -285,7 +285,7 @@ class XsensMvn(Sensor):
         if kinds >= self._wanted:
             self._alone(link)
             return
-        if self._sources.doubt and self._sender is None:
+        if self._sources.warning and self._sender is None:
             raise self._two()
         if kinds:
             lacking = ", ".join(_NAMES[kind] for kind in sorted(self._wanted - kinds))
@@ -312,13 +312,13 @@ class XsensMvn(Sensor):
         while (left := deadline - time.monotonic()) > 0:
             link.wait(left)
             self._samples(link.read_from(), time.monotonic_ns())
-        if self._sources.doubt:
+        if self._sources.warning:
             raise self._two()
 
     def _two(self) -> DeviceError:
         return DeviceError(
             self._place,
-            f"{self._sources.doubt}. Nobody can tell which is the wearer's",
+            f"{self._sources.warning}. Nobody can tell which is the wearer's",
             "End the other stream in its MVN, or set 'sender' to the wearer's computer; after MVN has moved to another "
             "computer, start the run anew",
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 Address = tuple[str, int]
-PATIENCE: Final = 500_000_000  # ns without a datagram of a type, after which MVN may go on from another port
+TIMEOUT: Final = 500_000_000  # ns without a datagram of a type, after which MVN may go on from another port
 
 
 class Sources:
@@ -34,7 +34,7 @@ class Sources:
         known = self._sources.get(kind)
         if self.host is None:
             self.host = address[0]
-        same = address[0] == self.host and (known is None or address == known[0] or now - known[1] > PATIENCE)
+        same = address[0] == self.host and (known is None or address == known[0] or now - known[1] > TIMEOUT)
         if not same:
             self.left_out += 1
             self._others.add(address)
@@ -43,7 +43,7 @@ class Sources:
         return True
 
     @property
-    def doubt(self) -> str:
+    def warning(self) -> str:
         """Who else sends this character, in words; "" for nobody."""
         if not self._others:
             return ""

@@ -141,7 +141,7 @@ class Zenoh(Sensor):
         self.health.connected = False
         self._link.close()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the ns by which each signal's newest sample was slower than its fastest."""
         return {"delay_ns": {s.signal.name: s.time.delay for s in self._sources}}
 
@@ -204,8 +204,8 @@ class Zenoh(Sensor):
     def _check(self, source: _Source) -> None:
         """Compares the other runtime's metadata of the signal with what the profile expects."""
         key = source.entry.key
-        told = self._ask(f"{key}/meta").get(f"{key}/meta")
-        if told is None:
+        reported = self._ask(f"{key}/meta").get(f"{key}/meta")
+        if reported is None:
             known = self._ask(f"srl/{source.entry.instance}/state/**")
             if not known:
                 raise DeviceError(
@@ -214,16 +214,16 @@ class Zenoh(Sensor):
             keys = [name.removesuffix("/meta") for name in known]
             raise DeviceError(self.name, f"there is no signal '{key}'", nearest(key, keys))
         signal, entry = source.signal, source.entry
-        if entry.type is not None and told.get("type") != entry.type:
-            raise DeviceError(self.name, f"'{key}' carries {told.get('type')}, expected {entry.type}", _KEY)
-        shape, labels = (value if isinstance(value := told.get(name), list) else [] for name in ("shape", "labels"))
+        if entry.type is not None and reported.get("type") != entry.type:
+            raise DeviceError(self.name, f"'{key}' carries {reported.get('type')}, expected {entry.type}", _KEY)
+        shape, labels = (value if isinstance(value := reported.get(name), list) else [] for name in ("shape", "labels"))
         # A sender of an earlier version doesn't name the elements of a pose, nor any components.
-        names: tuple[str, ...] = tuple(map(str, labels)) or TERMS.get(str(told.get("type")), ())
-        components = told.get("components") or list(map(list, signal.components))
+        names: tuple[str, ...] = tuple(map(str, labels)) or TERMS.get(str(reported.get("type")), ())
+        components = reported.get("components") or list(map(list, signal.components))
         for what, there, here in (
             ("shape", tuple(shape), signal.shape),
-            ("unit", told.get("unit"), signal.unit),
-            ("frame", told.get("frame") if entry.frame else None, entry.frame),
+            ("unit", reported.get("unit"), signal.unit),
+            ("frame", reported.get("frame") if entry.frame else None, entry.frame),
             ("labels", sorted(names) if signal.labels else [], sorted(signal.labels)),
             ("components", components, list(map(list, signal.components))),
         ):

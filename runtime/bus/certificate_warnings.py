@@ -19,7 +19,7 @@ SOON = datetime.timedelta(days=14)
 _OTHERS = stat.S_IRWXG & ~stat.S_IRGRP | stat.S_IRWXO  # the service's group may read the key
 
 
-class Doubt(NamedTuple):
+class Warning(NamedTuple):
     """`bad`: no client gets in, or anybody might; else it will be so soon. `command` mends it."""
 
     bad: bool
@@ -28,7 +28,7 @@ class Doubt(NamedTuple):
     command: str
 
 
-def doubts(tls: TlsConfig, now: datetime.datetime | None = None) -> Iterator[Doubt]:
+def warnings(tls: TlsConfig, now: datetime.datetime | None = None) -> Iterator[Warning]:
     """Looks at the three files.
 
     Args:
@@ -43,9 +43,9 @@ def doubts(tls: TlsConfig, now: datetime.datetime | None = None) -> Iterator[Dou
         try:
             read[path] = x509.load_pem_x509_certificate(path.read_bytes())
         except OSError as error:
-            yield Doubt(True, f"{path} can't be read: {error.strerror}", "Put it there, for the service's user", anew)
+            yield Warning(True, f"{path} can't be read: {error.strerror}", "Put it there, for the service's user", anew)
         except ValueError:
-            yield Doubt(True, f"{path} holds no certificate", "Give it in PEM form", anew)
+            yield Warning(True, f"{path} holds no certificate", "Give it in PEM form", anew)
     for path, found in read.items():
         yield from _dates(path, found, now, anew)
     if len(read) == 2:
@@ -53,32 +53,32 @@ def doubts(tls: TlsConfig, now: datetime.datetime | None = None) -> Iterator[Dou
             read[certificate].verify_directly_issued_by(read[authority])
         except (ValueError, TypeError, InvalidSignature):
             remedy = "Clients know the authority: let it sign this one, in the folder of its key"
-            yield Doubt(True, f"{certificate} isn't signed by {authority}", remedy, anew)
+            yield Warning(True, f"{certificate} isn't signed by {authority}", remedy, anew)
     yield from _key(key, read.get(certificate), anew)
 
 
-def _dates(path: Path, found: x509.Certificate, now: datetime.datetime, anew: str) -> Iterator[Doubt]:
+def _dates(path: Path, found: x509.Certificate, now: datetime.datetime, anew: str) -> Iterator[Warning]:
     begins, ends = found.not_valid_before_utc, found.not_valid_after_utc
     remedy = "Make a new one where the authority's key is, and copy it here"
     if ends <= now:
-        yield Doubt(True, f"{path} has expired, on {ends:%Y-%m-%d}", remedy, anew)
+        yield Warning(True, f"{path} has expired, on {ends:%Y-%m-%d}", remedy, anew)
     elif begins > now:
         problem = f"{path} isn't valid before {begins:%Y-%m-%d %H:%M} UTC"
-        yield Doubt(True, problem, "Is this host's clock right?", "timedatectl")
+        yield Warning(True, problem, "Is this host's clock right?", "timedatectl")
     elif ends - now < SOON:
-        yield Doubt(False, f"{path} expires on {ends:%Y-%m-%d}", remedy, anew)
+        yield Warning(False, f"{path} expires on {ends:%Y-%m-%d}", remedy, anew)
 
 
-def _key(path: Path, certificate: x509.Certificate | None, anew: str) -> Iterator[Doubt]:
+def _key(path: Path, certificate: x509.Certificate | None, anew: str) -> Iterator[Warning]:
     try:
         mode, content = path.stat().st_mode, path.read_bytes()
     except OSError as error:
         command = f"sudo chown srl {shlex.quote(str(path))} && sudo chmod 600 {shlex.quote(str(path))}"
-        yield Doubt(True, f"{path} can't be read: {error.strerror}", "Give it to the service's user", command)
+        yield Warning(True, f"{path} can't be read: {error.strerror}", "Give it to the service's user", command)
         return
     if mode & _OTHERS:
         problem = f"{path} may be read or written by others (mode {stat.S_IMODE(mode):o})"
-        yield Doubt(
+        yield Warning(
             True, problem, "Close it; if others had access, make a new one", f"chmod 600 {shlex.quote(str(path))}"
         )
     try:
@@ -86,4 +86,4 @@ def _key(path: Path, certificate: x509.Certificate | None, anew: str) -> Iterato
     except (ValueError, TypeError, UnsupportedAlgorithm):
         fits = False
     if not fits:
-        yield Doubt(True, f"{path} isn't the certificate's key", "Put the right pair there", anew)
+        yield Warning(True, f"{path} isn't the certificate's key", "Put the right pair there", anew)

@@ -27,11 +27,11 @@ from srl.runtime.contracts.field import Field
 from srl.runtime.ipc.child import Ending
 from srl.runtime.ipc.descriptors import raise_limit
 from srl.runtime.ipc.events import EventReader
+from srl.runtime.ipc.header import CYCLE, DEVICE, FLAG_DEGRADED
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import RequestWriter
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, DEVICE, FLAG_DEGRADED
 from srl.runtime.messages import attachment, cdr, messages
 from srl.runtime.profile.bus import BusConfig
 from srl.runtime.profile.keys import Keys, check
@@ -79,7 +79,7 @@ class Bus:
         counts = self._reporter.counts
         self._requests = Requests(self._layout, self._keys, self._request_ring, counts, self._arrivals)
         self._row = self._ring.newest()
-        self._said: tuple[int, ...] | None = None  # state, cause and latches of the last status
+        self._reported: tuple[int, ...] | None = None  # state, cause and latches of the last status
         self._status_due = self._listeners_due = 0
         self._silent = False
         self._sent, self._sender = 0, os.urandom(16)  # for the samples' attachments: their number and sender
@@ -216,9 +216,9 @@ class Bus:
         """The rows at which the state, the cause or the latches change."""
         found = []
         for row in rows:
-            said = int(row[_STATE]), int(row[_CAUSE]), int(row[_LATCHES])
-            if said != self._said:
-                self._said = said
+            output = int(row[_STATE]), int(row[_CAUSE]), int(row[_LATCHES])
+            if output != self._reported:
+                self._reported = output
                 found.append(row)
         return found[-MOST:]
 

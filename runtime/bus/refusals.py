@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from srl.runtime.bus.status import CAUSES
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc import latches
+from srl.runtime.ipc.header import CYCLE, Cause, Origin, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import Answer, RequestKind
-from srl.runtime.ipc.words import CYCLE, Cause, Origin, State
 from srl.runtime.profile.keys import Keys
 
 OVERTAKEN = "a stop came after it", "Ask again"
@@ -24,7 +24,7 @@ def refused(
         return beyond(place, origin)
     state = State(int(row[CYCLE.state])).name.lower()
     cause = Cause(int(row[CYCLE.cause]))
-    who = layout.culprit(cause, int(row[CYCLE.culprit]))
+    who = layout.fault_source(cause, int(row[CYCLE.fault_source]))
     why = CAUSES[cause] + (f" ({who})" if who else "")
     standing = ", ".join(latches.names(int(row[CYCLE.latches])))
     problem, remedy = {

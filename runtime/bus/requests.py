@@ -27,17 +27,17 @@ from srl.runtime.bus.status import Counts
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import CLIENTS, CYCLE, DEVICE, Origin, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter, permitted
-from srl.runtime.ipc.words import CLIENTS, CYCLE, DEVICE, Origin, State
 from srl.runtime.messages import messages
 from srl.runtime.profile.keys import COMMANDS, ROLES, Keys
 
-PATIENCE = 1_000_000_000  # ns after which a request that the loop has not taken is given up
+TIMEOUT = 1_000_000_000  # ns after which a request that the loop has not taken is given up
 UNDERWAY = 4  # requests in the ring at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
 _ORIGINS = {None: Origin.BUS} | {role: Origin[role.upper()] for role in ROLES}  # by the role of the keys
-_TOLD = 1_000_000_000  # ns between requests beyond a role that are passed on, so that the rows hold them
+_REPORT_EVERY = 1_000_000_000  # ns between requests beyond a role that are passed on, so that the rows hold them
 _KINDS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
 _REQUEST, _KIND, _RESULT, _STATE = CYCLE.request, CYCLE.request_kind, CYCLE.request_result, CYCLE.state
 _ORIGIN = CYCLE.request_origin
@@ -86,12 +86,12 @@ class Requests:
         self._asked: list[Asked] = []
         self._keys_of = [keys, *(Keys(keys.instance, role) for role in ROLES)]
         self._by_key = {k.setpoint(s["name"]): i for k in self._keys_of for i, s in enumerate(self._setpoints)}
-        self._told: dict[Origin, int] = {}  # CLOCK_MONOTONIC ns
+        self._reported: dict[Origin, int] = {}  # CLOCK_MONOTONIC ns
         owners = [s["name"].partition(".")[0] for s in self._setpoints]
         self._frames = [layout.device(layout.devices.index(owner)).start + DEVICE.frames for owner in owners]
         self._row: NDArray[np.int64] | None = None
         self._cycle = -1
-        self._said = 0.0
+        self._warned = 0.0
         self.silent = False
 
     def handlers(self) -> dict[str, Callable[[zenoh.Query], None]]:
@@ -163,7 +163,7 @@ class Requests:
             self._refuse(query, key, RequestError(key, *refusals.OVERTAKEN))
         else:
             self._pass_on(
-                Pending(query, key, _KINDS[name], 0, None, time.monotonic_ns() + PATIENCE, _ORIGINS[keys.role])
+                Pending(query, key, _KINDS[name], 0, None, time.monotonic_ns() + TIMEOUT, _ORIGINS[keys.role])
             )
 
     def _parameter(self, keys: Keys, index: int, query: zenoh.Query) -> None:
@@ -176,7 +176,7 @@ class Requests:
             return
         if not self._answerable(query, key, len(self._waiting)):
             return
-        until, origin = time.monotonic_ns() + PATIENCE, _ORIGINS[keys.role]
+        until, origin = time.monotonic_ns() + TIMEOUT, _ORIGINS[keys.role]
         if not permitted(origin, RequestKind.PARAMETER):  # what it sends isn't even looked at
             self._pass_on(Pending(query, key, RequestKind.PARAMETER, index, None, until, origin))
             return
@@ -215,7 +215,7 @@ class Requests:
             self._reject(error)
             self._refuse(query, key, error)
         else:
-            self._asked.append(Asked(query, key, index, values, time.monotonic_ns() + PATIENCE))
+            self._asked.append(Asked(query, key, index, values, time.monotonic_ns() + TIMEOUT))
 
     def _put_setpoint(self, keys: Keys, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
@@ -247,8 +247,8 @@ class Requests:
     def _reject(self, error: RequestError) -> None:
         self._counts.rejected += 1
         self._counts.last_rejection = str(error)
-        if (now := time.monotonic()) - self._said >= 1.0:
-            self._said = now
+        if (now := time.monotonic()) - self._warned >= 1.0:
+            self._warned = now
             print(
                 f"bus: setpoint refused ({self._counts.rejected} so far): {error}",
                 file=sys.stderr,
@@ -281,10 +281,10 @@ class Requests:
         """Sends a request on its way. Of those beyond a role the loop gets one a second, to refuse: a record."""
         if not permitted(pending.origin, pending.kind):
             now = time.monotonic_ns()
-            if now - self._told.get(pending.origin, 0) < _TOLD:
+            if now - self._reported.get(pending.origin, 0) < _REPORT_EVERY:
                 self._refuse(pending.query, pending.place, refusals.beyond(pending.place, pending.origin))
                 return
-            self._told[pending.origin] = now
+            self._reported[pending.origin] = now
         self._ask(pending)
 
     def _ask(self, pending: Pending) -> None:

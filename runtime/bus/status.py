@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.runtime.ipc import latches
-from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import (
+from srl.runtime.ipc.header import (
     CYCLE,
     DEVICE,
     FLAG_DEGRADED,
@@ -25,6 +24,7 @@ from srl.runtime.ipc.words import (
     Cause,
     State,
 )
+from srl.runtime.ipc.layout import Layout
 from srl.runtime.messages import cdr
 from srl.runtime.messages.messages import time_of
 
@@ -74,7 +74,7 @@ class Timing:
         while self._chunks[0][-1, 0] < newest - WINDOW:
             self._chunks.popleft()
 
-    def figures(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         """Rate in Hz, and times in us: percentiles of period and cycle, means of the phases."""
         if not self._chunks:
             return {}
@@ -133,7 +133,7 @@ class Reporter:
     def _instance(self, row: NDArray[np.int64], own: dict[str, Any], silent: bool) -> cdr.Message:
         ints = dict(zip(CYCLE._fields, row[: len(CYCLE)].tolist(), strict=True))
         state, cause = State(ints["state"]), Cause(ints["cause"])
-        who = self._layout.culprit(cause, ints["culprit"])
+        who = self._layout.fault_source(cause, ints["fault_source"])
         level = OK if state in (State.ACTIVE, State.READY, State.HOMING) else WARN
         if cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
             level = ERROR
@@ -148,7 +148,7 @@ class Reporter:
         values = {
             "state": state.name.lower(),
             "cause": cause.name.lower(),
-            "culprit": who,
+            "fault_source": who,
             "latches": " ".join(standing),
             "refused": ints["refused"],
             "cycle": ints["cycle"],
@@ -156,7 +156,7 @@ class Reporter:
             "degraded": int(bool(ints["flags"] & FLAG_DEGRADED)),
             "rate_nominal_hz": self._rate(),
         }
-        return _status(level, self._name, words, self._profile, values | self.timing.figures() | own)
+        return _status(level, self._name, words, self._profile, values | self.timing.metrics() | own)
 
 
 def _device(name: str, layout: Layout, row: NDArray[np.int64], index: int) -> cdr.Message:

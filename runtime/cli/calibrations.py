@@ -7,34 +7,34 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from srl.runtime.contracts.file_says import file_says
+from srl.runtime.contracts.calibration_content import parse
 from srl.runtime.ipc.launch import ANONYMOUS
 
 WORN: Final = {"srl-emg-1": "the electrodes stay on the skin", "srl-suit-1": "the suit stays on"}
 """Until when a file of a format holds, where that is no longer than a session."""
 
 
-def doubts(files: Mapping[str, bytes], today: datetime.date) -> list[str]:
+def warnings(files: Mapping[str, bytes], today: datetime.date) -> list[str]:
     """What is doubted of files (their content by name), a line each. Files of the simulated person are left out."""
     found, persons = list[str](), dict[str, str]()
     for name, content in files.items():
-        said = file_says(content)
-        if said.get("simulated") is True:
+        output = parse(content)
+        if output.get("simulated") is True:
             continue
-        whose = said.get("person")
+        whose = output.get("person")
         if isinstance(whose, str) and re.fullmatch(ANONYMOUS, whose):
             persons.setdefault(whose, name)
-        until = WORN.get(str(said.get("format")))
+        until = WORN.get(str(output.get("format")))
         if until is None:
             continue
         try:
-            days = (today - datetime.date.fromisoformat(str(said.get("date")))).days
+            days = (today - datetime.date.fromisoformat(str(output.get("date")))).days
         except ValueError:
             continue
         if days:
             when = f"{days} day{'s' * (days > 1)} ago" if days > 0 else "on a day that hasn't come yet"
             found.append(f"{name}: it was made {when}, and holds only while {until}: calibrate again")
     if len(persons) > 1:
-        told = ", ".join(f"{whose} ({name})" for whose, name in persons.items())
-        found.append(f"the files are of {len(persons)} persons: {told}. `srl run --person` refuses another one's")
+        reported = ", ".join(f"{whose} ({name})" for whose, name in persons.items())
+        found.append(f"the files are of {len(persons)} persons: {reported}. `srl run --person` refuses another one's")
     return found

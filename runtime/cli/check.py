@@ -13,7 +13,7 @@ from srl.runtime.cli import add_command, calibrations
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.guard import GUARDS
-from srl.runtime.profile import beginning, profile, shelf, wiring
+from srl.runtime.profile import library, profile, start_mode, wiring
 from srl.runtime.profile.connections import connections, transforms, untaken
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.option_tree import files, listed
@@ -38,13 +38,13 @@ def run(args: argparse.Namespace) -> int:
     if args.profile is None:
         from srl.runtime.contracts.errors import ProfileError
 
-        raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(shelf.shipped())}")
+        raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(library.shipped())}")
     graph, guards = examine(args.profile, args.set, args.sim)
     checked, source = graph.profile, graph.source
     remarks = {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()}
     judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
     options = listed(checked, graph.devices, graph.controllers, graph.world, judges)
-    of_files = calibrations.doubts(source.files.kept, datetime.date.today())
+    of_files = calibrations.warnings(source.files.kept, datetime.date.today())
     read = files(checked, graph.devices, graph.controllers, graph.world, judges)
     if args.json:
         content = {
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
             "transforms": transforms(graph),
             "untaken": untaken(graph),
             "files": {path: {"path": str(f.path), "sha256": f.sha256} for path, f in read.items()},
-            "doubts": [*graph.doubts, *of_files],
+            "warnings": [*graph.warnings, *of_files],
             "remarks": graph.remarks,
             "commands": guards,
             "clearances": remarks,
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(content))
         return 0
     print(f"{checked.name}: {checked.summary}".rstrip(": "))
-    print(f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {beginning.start(graph)}")
+    print(f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {start_mode.start(graph)}")
     for choice, word in source.chosen.items():
         print(f"  choice {choice}: {word}")
     for device in graph.devices:
@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"  option {path}: {_pairs(values)}")
     for path, file in read.items():
         print(f"  file {path}: {file.path}, sha256 {file.sha256}")
-    for doubt in (*graph.doubts, *of_files):
-        print(f"  doubted: {doubt}")
+    for warning in (*graph.warnings, *of_files):
+        print(f"  warning: {warning}")
     for remark in graph.remarks:
         print(f"  {remark}")
     if left := untaken(graph):

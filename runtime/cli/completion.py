@@ -10,7 +10,7 @@ import argcomplete
 
 from srl.runtime.contracts import registry
 from srl.runtime.ipc.run_folder import running
-from srl.runtime.profile import shelf
+from srl.runtime.profile import library
 
 
 def answer(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def _equip(parser: argparse.ArgumentParser) -> None:
 
 
 def _profiles(prefix: str, **given: Any) -> Iterable[str]:
-    yield from shelf.shipped()
+    yield from library.shipped()
     yield from argcomplete.FilesCompleter(("yaml", "yml"))(prefix, **given)
 
 
@@ -47,5 +47,5 @@ def _studies(**_: Any) -> Iterable[str]:
 _ANYWHERE: dict[str, Callable[..., Iterable[str]]] = {"profile": _profiles}
 _COMPLETERS: dict[tuple[str, str], Callable[..., Iterable[str]]] = {
     ("study", "name"): _studies,
-    ("new", "template"): lambda **_: shelf.shipped(),
+    ("new", "template"): lambda **_: library.shipped(),
 } | {(command, "instance"): _instances for command in ("stop", "reset", "start", "top", "panel", "set")}

@@ -84,14 +84,14 @@ def _of(name: str, overrides: list[str], wanted: Wanted, rate: Fraction | None) 
     try:
         graph = wiring.build(checked, source)
     except SrlError as error:  # a calibration that isn't there, for one: the host is looked at all the same
-        said = Finding("profile", "bad", f"{error.place}: {error.problem}", error.remedy, f"srl check {words}")
-        return wanted, [said, *findings]
+        output = Finding("profile", "bad", f"{error.place}: {error.problem}", error.remedy, f"srl check {words}")
+        return wanted, [output, *findings]
     buses = {d.traffic.bus: d.traffic.bitrate for d in graph.devices if d.traffic is not None}
     rows = file_size(graph.layout.width, rows_kept(wanted.rate))
-    of_files = calibrations.doubts(source.files.kept, datetime.date.today())
+    of_files = calibrations.warnings(source.files.kept, datetime.date.today())
     findings += [
-        Finding("profile", "doubtful", doubt, "See the whole profile as checked", f"srl check {words}")
-        for doubt in (*graph.doubts, *of_files)
+        Finding("profile", "doubtful", warning, "See the whole profile as checked", f"srl check {words}")
+        for warning in (*graph.warnings, *of_files)
     ]
     return dataclasses.replace(wanted, buses=buses, rows=rows), findings
 
@@ -100,12 +100,16 @@ def _certificates(checked: profile.Profile) -> Iterator[Finding]:
     tls = checked.bus.tls if checked.bus is not None else None
     if tls is None:
         return
-    from srl.runtime.bus.certificate_doubts import doubts
+    from srl.runtime.bus.certificate_warnings import warnings
 
-    found = list(doubts(tls))
-    for doubt in found:
+    found = list(warnings(tls))
+    for warning in found:
         yield Finding(
-            "certificates of the bus", "bad" if doubt.bad else "doubtful", doubt.problem, doubt.remedy, doubt.command
+            "certificates of the bus",
+            "bad" if warning.bad else "doubtful",
+            warning.problem,
+            warning.remedy,
+            warning.command,
         )
     if not found:
         yield Finding("certificates of the bus", "good", tls.certificate)

@@ -92,13 +92,13 @@ def run(args: argparse.Namespace) -> int:
             others = ", ".join(f"--{other}" for other in needed)
             raise RequestError(f"--{option}", f"it is for {others}", f"Add --{needed[0]} FILE, or leave it out")
     with working(f"{args.recording} is exported"):
-        figures, said, missing = _export(args)
+        metrics, output, missing = _export(args)
     if args.json:
-        print(json.dumps(figures))
+        print(json.dumps(metrics))
         return 0
     if missing:
         print(f"{missing} rows are missing; where a format has no gaps, what was before them is held")
-    print("\n".join(said))
+    print("\n".join(output))
     return 0
 
 
@@ -112,59 +112,59 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
         rows, left_out = convert(args.recording, args.rrd)
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
-    figures: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
-    said = _data(recording, args, figures)
+    metrics: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
+    output = _data(recording, args, metrics)
     if args.rrd is not None:
-        figures["rrd"] = str(args.rrd)
-        said += [f"{args.rrd}: {rows} rows", *(f"not whole: {line}" for line in left_out)]
+        metrics["rrd"] = str(args.rrd)
+        output += [f"{args.rrd}: {rows} rows", *(f"not whole: {line}" for line in left_out)]
     if args.bvh is not None:
         frames, law, period = _bvh(recording, args)
-        figures |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}
-        said.append(f"{args.bvh}: {frames} frames of {law}, {1.0 / period:g} a second")
+        metrics |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}
+        output.append(f"{args.bvh}: {frames} frames of {law}, {1.0 / period:g} a second")
     if args.page is not None:
         from srl.runtime.pictures.bvh_page import draw_page
 
         draw_page(recording, args.bvh, args.page, args.show or ())
-        figures["page"] = str(args.page)
-        said.append(f"{args.page}: the beginning of {args.bvh}")
+        metrics["page"] = str(args.page)
+        output.append(f"{args.page}: the beginning of {args.bvh}")
     if args.tree is not None:
         from srl.runtime.pictures.node_tree import draw_tree
 
-        figures |= {"tree": str(args.tree), "nodes": (nodes := draw_tree(recording, args.tree, args.show or ()))}
-        said.append(f"{args.tree}: {nodes} nodes")
+        metrics |= {"tree": str(args.tree), "nodes": (nodes := draw_tree(recording, args.tree, args.show or ()))}
+        output.append(f"{args.tree}: {nodes} nodes")
     if args.stills is not None:
         from srl.runtime.pictures import stills
 
         times = args.at if args.at is not None else stills.spread(recording, STILLS)
         stills.draw(recording, args.stills, times, args.names or (), args.show or (), args.side)
-        figures |= {"stills": str(args.stills), "at": times}
-        said.append(f"{args.stills}: {len(times)} instants")
+        metrics |= {"stills": str(args.stills), "at": times}
+        output.append(f"{args.stills}: {len(times)} instants")
     if args.film is not None:
         from srl.runtime.pictures import film
 
         rate = film.RATE if args.rate is None else float(_rate(args.rate))
         between = None if args.between is None else (args.between[0], args.between[1])
         count, period = film.draw(recording, args.film, between, rate, tuple(args.show or ()), args.side)
-        figures |= {"film": str(args.film), "pictures": count, "film_period": period}
-        said.append(f"{args.film}: {count} pictures, {1.0 / period:g} a second")
-    return figures, said, missing
+        metrics |= {"film": str(args.film), "pictures": count, "film_period": period}
+        output.append(f"{args.film}: {count} pictures, {1.0 / period:g} a second")
+    return metrics, output, missing
 
 
-def _data(recording: Recording, args: argparse.Namespace, figures: dict[str, object]) -> list[str]:
+def _data(recording: Recording, args: argparse.Namespace, metrics: dict[str, object]) -> list[str]:
     """Writes the files of data; returns what to say of them."""
     from srl.runtime.export import formats
 
-    said = []
+    output = []
     for form in formats.FORMATS:
         target = getattr(args, form)
         if target is None:
             continue
         rate = _rate(args.rate) if args.rate is not None else None
         report = formats.write(form, recording, target, rate=rate, person=args.person)
-        figures[form] = {"files": [str(p) for p in report.files], "left_out": report.left_out}
-        said.append(f"{target}: {report.content}")
-        said += [f"  left out: {line}" for line in report.left_out]
-    return said
+        metrics[form] = {"files": [str(p) for p in report.files], "left_out": report.left_out}
+        output.append(f"{target}: {report.content}")
+        output += [f"  left out: {line}" for line in report.left_out]
+    return output
 
 
 def _bvh(recording: Recording, args: argparse.Namespace) -> tuple[int, str, float]:

@@ -9,7 +9,7 @@ from typing import Any
 from srl.runtime.cli import add_command
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import SrlError
-from srl.runtime.profile import shelf
+from srl.runtime.profile import library
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -44,8 +44,8 @@ def _drivers() -> list[dict[str, Any]]:
     for name in registry.names("drivers"):
         item: dict[str, Any] = {"name": name, "fake": name in fakes, "twin": name in twins}
         try:
-            said = registry.describe("drivers", name, ("summary", "gives", "takes"))
-            item |= {"summary": said["summary"], "states": said["gives"], "commands": said["takes"]}
+            output = registry.describe("drivers", name, ("summary", "gives", "takes"))
+            item |= {"summary": output["summary"], "states": output["gives"], "commands": output["takes"]}
         except SrlError as error:
             item |= {"summary": str(error), "states": [], "commands": []}
         found.append(item)
@@ -65,9 +65,9 @@ def _summaries(group: str) -> list[dict[str, Any]]:
 
 def _profiles() -> list[dict[str, Any]]:
     found = []
-    for name in shelf.shipped():
+    for name in library.shipped():
         try:
-            summary = shelf.summary(name)
+            summary = library.summary(name)
             if summary is None:
                 from srl.runtime.profile import profile
 

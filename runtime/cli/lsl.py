@@ -34,7 +34,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Sends until Ctrl-C or SIGTERM, over restarts of the loop too."""
-    from srl.runtime.contracts.reach import refuse_strangers
+    from srl.runtime.contracts.exposure import refuse_strangers
     from srl.runtime.export.lsl_outlet import Outlet, load
 
     ended: list[int] = []
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     lsl = load(args.exposed)
     addresses = [] if args.exposed else refuse_strangers(_REMEDY)
     outlet = Outlet(lsl, choose(args.instance), args.signals)
-    told, lack, lost, due = "", "", 0, 0.0
+    reported, lack, lost, due = "", "", 0, 0.0
     try:
         while not ended:
             now = time.monotonic()
@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
                 due = now + NEWS
                 if not args.exposed:
                     addresses = refuse_strangers(_REMEDY, addresses)  # a cable or a radio that comes up later
-                if outlet.description != told:
-                    told = outlet.description
-                    print(f"{told} (Ctrl-C ends)", flush=True)
+                if outlet.description != reported:
+                    reported = outlet.description
+                    print(f"{reported} (Ctrl-C ends)", flush=True)
                 if outlet.lack != lack:
                     lack = outlet.lack
                     print(

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         rows = recording.rows if args.perturb is None else perturbed(recording.layout, recording.rows, args.perturb)
         comparison = replay(recording.layout, rows, place)
     if args.json:
-        print(json.dumps(comparison.figures() | {"recording": place, "salvaged_bytes": recording.salvaged}))
+        print(json.dumps(comparison.metrics() | {"recording": place, "salvaged_bytes": recording.salvaged}))
     else:
         for warning in comparison.warnings:
             print(f"warning: {warning}")

@@ -21,10 +21,10 @@ from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.files import encoded
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.events import Level
+from srl.runtime.ipc.header import Cause
 from srl.runtime.ipc.launch import ANONYMOUS, Launch
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.run_folder import ROOM, RunFolder, free_bytes
-from srl.runtime.ipc.words import Cause
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.source import Source
@@ -32,7 +32,7 @@ from srl.runtime.recording.segments import folder_of
 from srl.runtime.service import arming
 from srl.runtime.service.end_signals import EndSignals
 from srl.runtime.service.helpers import helpers
-from srl.runtime.service.standing import Standing
+from srl.runtime.service.persistent_latches import PersistentLatches
 from srl.runtime.service.summary import WELL, Summary
 from srl.runtime.service.supervisor import Supervisor, state_dir
 
@@ -88,13 +88,13 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
-    standing: Standing | None = None
+    standing: PersistentLatches | None = None
     supervisor: Supervisor | None = None
     well = False
     try:
         # Only what stopped a real limb outlives its run.
         if any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators):
-            standing = Standing(state, status.line)
+            standing = PersistentLatches(state, status.line)
         record = args.record
         if args.figure is not None and record is None:
             record = where.path / "figure.rrd"
@@ -126,10 +126,10 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
 
 
 def _supervise(
-    supervisor: Supervisor, standing: Standing | None, args: argparse.Namespace, advice: str, status: Status
+    supervisor: Supervisor, standing: PersistentLatches | None, args: argparse.Namespace, advice: str, status: Status
 ) -> dict[str, Any]:
     """Starts the supervisor, runs it until the end, and returns the figures."""
-    begun = time.monotonic()
+    started = time.monotonic()
     summary: Summary | None = None
     next_look = 0.0
     supervisor.start()
@@ -141,7 +141,7 @@ def _supervise(
         next_look = time.monotonic() + REFRESH
         if not supervisor.running:
             if summary is None:
-                status.wait(f"{args.profile}: the devices are opened, {time.monotonic() - begun:.0f} s")
+                status.wait(f"{args.profile}: the devices are opened, {time.monotonic() - started:.0f} s")
             continue
         if summary is None:
             summary = _summary(supervisor)
@@ -160,7 +160,7 @@ def _supervise(
     status.clear()
     if "recorder" in failed:
         status.line("the recording is NOT complete; what was saved is in its .segments folder")
-    return (summary.figures() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
+    return (summary.metrics() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
 
 
 def _summary(supervisor: Supervisor) -> Summary | None:
@@ -183,7 +183,7 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
     code = 0 if cause in WELL and result["recording_complete"] else 1
     result["instance"] = supervisor.run_folder.path.name
     result["restarts"] = {h.name: h.restarts for h in supervisor.helpers}
-    result["result"] = supervisor.figures
+    result["result"] = supervisor.metrics
     result["recording"] = str(_recording(args.record)) if args.record is not None else None
     if supervisor.death is not None:
         code = 1
@@ -200,7 +200,7 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
             Level.ERROR,
         )
     elif cause not in WELL:
-        text = f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}"
+        text = f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['fault_source']}"
         status.line(text.rstrip(), Level.ERROR)
     if args.json:
         print(json.dumps(result))
@@ -257,7 +257,7 @@ def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profil
     if args.record is None:
         return []
     folder = args.record.absolute().parent
-    said: list[str] = []
+    output: list[str] = []
     if checked.record.keep is not None:
         # Not at the top: it loads rerun.
         from srl.runtime.recording.keep import Keep, make_room
@@ -265,16 +265,16 @@ def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profil
 
         run = Layout(devices=[])
         run.meta = {"person": args.person, "profile": source.text, "files": encoded(source.files.kept)}
-        why = make_room(folder, Keep.of(checked.record.keep.model_dump()), persons(run), said.append)
+        why = make_room(folder, Keep.of(checked.record.keep.model_dump()), persons(run), output.append)
         if why:
-            for text in said:  # else the run's events say it
+            for text in output:  # else the run's events say it
                 status.line(text)
             remedy = "Move or delete some (srl recordings --delete), or raise record.keep in the profile"
             raise RequestError(f"--record: {folder}", why, remedy)
     if free_bytes(folder) < ROOM:
         problem = f"its disk has less than {ROOM >> 20} MiB free, so the recording would soon be cut short"
         raise RequestError(f"--record: {folder}", problem, "Free some, or choose another folder")
-    return said
+    return output
 
 
 def _check_owners(person: str | None, source: Source, graph: Graph) -> None:

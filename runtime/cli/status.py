@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from srl.runtime.cli.console import Console
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.events import Level
-from srl.runtime.ipc.words import Cause
+from srl.runtime.ipc.header import Cause
 from srl.runtime.service.summary import Summary
 
 _EVERY = 10.0  # s between lines where there is no terminal
@@ -84,8 +84,8 @@ class Status:
 def _line(summary: Summary) -> str:
     seconds, wall = summary.seconds()
     cause = Cause(summary.word("cause"))
-    culprit = summary.layout.culprit(cause, summary.word("culprit"))
-    why = f" ({cause.name.lower()} {culprit})".replace(" )", ")") if cause else ""
+    fault_source = summary.layout.fault_source(cause, summary.word("fault_source"))
+    why = f" ({cause.name.lower()} {fault_source})".replace(" )", ")") if cause else ""
     if standing := latches.names(summary.word("latches")):
         why += f" latched: {', '.join(standing)}"
     devices = "  ".join(

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, [])
     assert graph.world is not None
-    for line in (*(f"doubted: {doubt}" for doubt in graph.doubts), *graph.remarks):
+    for line in (*(f"warning: {warning}" for warning in graph.warnings), *graph.remarks):
         print(line, file=sys.stderr)
     twins = make_twins(graph, args.devices)
     for name, twin in twins.items():
@@ -76,8 +76,8 @@ def run(args: argparse.Namespace) -> int:
         _serve(graph.world, twins, args, ended, log, late)
         late.sum_up()
         if args.json:
-            figures = {name: twin.figures() for name, twin in twins.items()}
-            print(json.dumps({"figures": figures, "late": late.figures()}), flush=True)
+            metrics = {name: twin.metrics() for name, twin in twins.items()}
+            print(json.dumps({"metrics": metrics, "late": late.metrics()}), flush=True)
         else:
             _tell_refused(twins)
     finally:
@@ -157,7 +157,7 @@ def _serve(
 def _tell_refused(twins: dict[str, Twin]) -> None:
     """Prints what the twins refused, and how often."""
     for name, twin in twins.items():
-        refused = twin.figures().get("refused")
+        refused = twin.metrics().get("refused")
         if isinstance(refused, dict) and refused:
             print(f"{name} refused: " + ", ".join(f"{what} ({count})" for what, count in refused.items()), flush=True)
 
@@ -265,7 +265,7 @@ class _Late:
                 f"srl twin: late {self._times} times, by up to {self._most * 1e-9:.2f} s", file=sys.stderr, flush=True
             )
 
-    def figures(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         """How often, and by how much at most, s."""
         return {"times": self._times, "most": self._most * 1e-9}
 

@@ -10,15 +10,15 @@ from ruamel.yaml.error import YAMLError
 from srl.runtime.contracts import yaml_text
 
 
-def file_says(content: bytes) -> dict[str, Any]:
+def parse(content: bytes) -> dict[str, Any]:
     """What a calibration file holds; nothing, where it is none."""
     try:
-        said = json.loads(content)
+        output = json.loads(content)
     except RecursionError:
         return {}
     except ValueError:
         try:
-            said = yaml_text.load(content.decode())  # a glove's may be YAML
+            output = yaml_text.load(content.decode())  # a glove's may be YAML
         except (YAMLError, ValueError, RecursionError):
             return {}
-    return said if isinstance(said, dict) else {}
+    return output if isinstance(output, dict) else {}

@@ -18,7 +18,7 @@ class ChangedError(ValueError):
     """The object was changed after it was sealed."""
 
 
-def sealed(plain: Mapping[str, Any]) -> dict[str, Any]:
+def checksummed(plain: Mapping[str, Any]) -> dict[str, Any]:
     """The object with its hash at the end."""
     return {**plain, HASH: _hash(plain)}
 

@@ -150,7 +150,7 @@ def compiled(law: Controller) -> Compiled:
     return made
 
 
-class Patience:
+class RetryBackoff:
     """When C is tried again after a cycle that was Python's: what is out of the ordinary often lasts.
 
     After 1, 3, 7 and then always 15 cycles, until C has computed one. So the tries cost little.
@@ -188,23 +188,23 @@ class Compiled(ABC):
         self.law = law
         self.inside = False
         self.rare = 0  # cycles that Python has computed
-        self._patience = Patience()
+        self._backoff = RetryBackoff()
         self._step = self._bind()
 
     def reset(self) -> None:
         """As the law's own."""
         self.leave()  # what a reset keeps: counts, for one
-        self._patience.forget()
+        self._backoff.forget()
         self.law.reset()
 
     def update(self, dt: float) -> None:
         """As the law's own."""
-        if self.inside or self._patience.over():
+        if self.inside or self._backoff.over():
             if not self.inside:
                 self._enter()
                 self.inside = True
             done = self._step(dt) >= 0
-            self._patience.tried(done)
+            self._backoff.tried(done)
             if done:
                 return
             self.leave()

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.renamed import refuse_old_methods
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.transforms import Transform
 
@@ -54,6 +55,11 @@ class Controller(ABC):
     summary: str = ""
     c_version: ClassVar[str] = ""  # `module:class` of its C version (runtime/contracts/compiled.py); not inherited
     exports: ClassVar[tuple[str, ...]] = ()  # the forms of files that its own `export` writes: "bvh"
+
+    def __init_subclass__(cls) -> None:
+        """Refuses a law with a method's name of before."""
+        super().__init_subclass__()
+        refuse_old_methods(cls, {"weigh": "update_gravity", "doubts": "warnings", "figures": "metrics"})
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         self.name = name
@@ -105,7 +111,7 @@ class Controller(ABC):
         A pose that nobody has measured yet is NaN.
         """
 
-    def weigh(self, dt: float) -> None:
+    def update_gravity(self, dt: float) -> None:
         """Renews, while the limb stops or is stopped, the gravity that a torque guard holds; nothing else.
 
         A law that gives `<device>.<command>.gravity` overrides it: joints sink, are led by hand, and the wearer moves,
@@ -113,7 +119,7 @@ class Controller(ABC):
         `dt` seconds after the one before; what isn't known leaves the output as it is.
         """
 
-    def doubts(self, dt: float) -> Iterable[tuple[str, str]]:
+    def warnings(self, dt: float) -> Iterable[tuple[str, str]]:
         """What is probably wrong with its options in cycles of `dt` seconds: (option, text) each."""
         return ()
 
@@ -121,7 +127,7 @@ class Controller(ABC):
         """Narrows the bounds of its `parameters` to what keeps it stable in cycles of `dt` seconds. Called once,
         before `bind`; a client's value beyond the bounds is refused."""
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the controller's own figures for the run's summary."""
         return {}
 

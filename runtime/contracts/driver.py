@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.renamed import refuse_old_methods
 from srl.runtime.contracts.signals import Array, Command, Limits, Signal, Stop
 
 
@@ -133,6 +134,11 @@ class Driver(ABC):
     # Whether its signals are given by what stands here, now. A button of anything else releases no person's stop.
     here: bool = True
 
+    def __init_subclass__(cls) -> None:
+        """Refuses a driver with a method's name of before."""
+        super().__init_subclass__()
+        refuse_old_methods(cls, {"figures": "metrics"})
+
     def __init__(self, name: str, config: DeviceConfig) -> None:
         self.name = name
         self.config = config
@@ -235,7 +241,7 @@ class Driver(ABC):
         """
         return inf
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns the driver's own figures for the run's summary."""
         return {}
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from srl.runtime.contracts.errors import RequestError
 
-PATIENCE: Final = 0.3  # s for a connection of this machine to itself
+TIMEOUT: Final = 0.3  # s for a connection of this machine to itself
 ADDRESSES: Final = Path("/proc/net/fib_trie")  # those of all interfaces, in this network namespace
 
 
@@ -26,7 +26,7 @@ def reachable() -> list[str]:
             try:
                 listener.bind((address, 0))
                 listener.listen(1)
-                caller.settimeout(PATIENCE)
+                caller.settimeout(TIMEOUT)
                 caller.connect(listener.getsockname())
             except OSError:
                 continue

@@ -54,11 +54,11 @@ def describe(group: str, name: str, attributes: Sequence[str]) -> dict[str, Any]
     """
     place = f"{_one(group)} {name}"
     point = _points(group, tuple(sys.path)).get(name)
-    said = declared(point.value, attributes) if point is not None else None
-    if said is None:
+    output = declared(point.value, attributes) if point is not None else None
+    if output is None:
         part = load(group, name, place)
-        said = {attribute: getattr(part, attribute) for attribute in attributes}
-    return said
+        output = {attribute: getattr(part, attribute) for attribute in attributes}
+    return output
 
 
 def _one(group: str) -> str:

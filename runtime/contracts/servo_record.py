@@ -13,10 +13,10 @@ from typing import Annotated, Any, Final, Literal, Protocol
 
 from pydantic import ConfigDict, Field, FiniteFloat, ValidationError, field_validator, model_validator
 
+from srl.runtime.contracts.checksummed import HASH, ChangedError, opened
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import ProfileError, nearest
 from srl.runtime.contracts.files import FileOption, KeptFile
-from srl.runtime.contracts.sealed import HASH, ChangedError, opened
 
 FORMAT: Final = "srl-servos-1"
 WHAT: Final = "servos"
@@ -166,7 +166,9 @@ def lines(file: KeptFile, driver: str, joints: Mapping[str, Entry]) -> dict[str,
         was = made.joints[name].entry
         for key in sorted(was.keys() | entry.keys()):
             if was.get(key) != entry.get(key) and (key not in _LATER or was.get(key) or entry.get(key)):
-                problem = f"it was made with {key} {_said(was.get(key))}, the profile says {_said(entry.get(key))}"
+                problem = (
+                    f"it was made with {key} {_reported(was.get(key))}, the profile says {_reported(entry.get(key))}"
+                )
                 raise ProfileError(f"{place}: joints.{name}", problem, f"Set it as it was, or {AGAIN.lower()}")
     return dict(made.joints)
 
@@ -184,5 +186,5 @@ def of_device(file: KeptFile | None, device: str) -> str:
     return "calibration" if made.simulated else ""
 
 
-def _said(value: Any) -> str:
+def _reported(value: Any) -> str:
     return "nothing" if value is None else str(value).lower() if isinstance(value, bool) else f"{value}"

@@ -13,6 +13,7 @@ from pydantic import ConfigDict
 from srl.runtime.contracts.driver import DeviceConfig, Driver
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.frames import Frames
+from srl.runtime.contracts.renamed import refuse_old_methods
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.wearer import Wearer
 
@@ -40,7 +41,7 @@ class World(ABC):
             to a controller.
         scenery: objects that never move, for viewers: kind ("box", "cylinder", "capsule", "sphere"), size (m:
             half sizes; radius and half length), position (m), quaternion (w x y z), colour (red, green, blue, alpha).
-        doubts, remarks: (key under `sim:`, text): what is probably wrong, and what a person should know.
+        warnings, remarks: (key under `sim:`, text): what is probably wrong, and what a person should know.
         wearer: the simulated wearer that takes instructions; None where there isn't exactly one.
     """
 
@@ -59,7 +60,7 @@ class World(ABC):
         self.scenery: list[dict[str, Any]] = []
         self.truth_arrays: Mapping[str, Array] = {}
         self.wearer: Wearer | None = None
-        self.doubts: list[tuple[str, str]] = []
+        self.warnings: list[tuple[str, str]] = []
         self.remarks: list[tuple[str, str]] = []
 
     def bind(self, truth: Mapping[str, Array]) -> None:
@@ -125,6 +126,11 @@ class Twin(ABC):
         address: the value for the profile's `port` (a pty's path, `tcp://127.0.0.1:port`); known after `open`.
     """
 
+    def __init_subclass__(cls) -> None:
+        """Refuses a twin with a method's name of before."""
+        super().__init_subclass__()
+        refuse_old_methods(cls, {"figures": "metrics"})
+
     def __init__(self, fake: Fake) -> None:
         self.fake = fake
         self.address = ""
@@ -144,6 +150,6 @@ class Twin(ABC):
     def close(self) -> None:
         """Closes the pty or the socket; always succeeds."""
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Returns what the device received, for tests: frames taken, time of the last command, pulse widths."""
         return {}

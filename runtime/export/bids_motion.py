@@ -144,10 +144,10 @@ def _system(
         name: {"RotationRule": "right-hand", "Description": _described(name, about.get(name))}
         for name in sorted({c.reference_frame for c in channels} - {NONE})
     }
-    told = {
+    reported = {
         "reference_frame": {"Description": "Frame of the channel's coordinates; lengths in m.", "Levels": levels},
     }
-    _text(folder / f"{stem}_channels.json", json.dumps(told, indent=2) + "\n")
+    _text(folder / f"{stem}_channels.json", json.dumps(reported, indent=2) + "\n")
     _text(
         folder / f"{stem}_motion.json",
         json.dumps(_sidecar(recording, device, channels, latency, task), indent=2) + "\n",
@@ -210,8 +210,8 @@ def _events(recording: Recording, path: Path) -> list[Path]:
         text = re.sub(r"\s+", " ", event.text)
         lines.append(f"{float(now[at] - now[0]) / 1e9!r}\tn/a\t{event.level.name.lower()}\t{event.cycle}\t{text}")
     _text(path, "\n".join(lines) + "\n")
-    told = {"cycle": {"Description": "The loop's cycle."}, "description": {"Description": "What the runtime said."}}
-    _text(path.with_suffix(".json"), json.dumps(told, indent=2) + "\n")
+    reported = {"cycle": {"Description": "The loop's cycle."}, "description": {"Description": "What the runtime said."}}
+    _text(path.with_suffix(".json"), json.dumps(reported, indent=2) + "\n")
     return []
 
 
@@ -232,8 +232,8 @@ def _data_set(folder: Path, person: str, files: Sequence[Path], recording: Recor
             _text(folder / file, text)
     _add_line(folder / "participants.tsv", "participant_id", f"sub-{person}")
     wall = int(recording.layout.meta.get("wall", 0)) + int(recording.int("now")[0])
-    begun = datetime.fromtimestamp(wall // 1_000_000_000, UTC) + timedelta(microseconds=wall % 1_000_000_000 // 1000)
-    text = begun.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    started = datetime.fromtimestamp(wall // 1_000_000_000, UTC) + timedelta(microseconds=wall % 1_000_000_000 // 1000)
+    text = started.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
     for path in files:
         _add_line(folder / f"sub-{person}" / f"sub-{person}_scans.tsv", "filename\tacq_time", f"{path}\t{text}")
 

@@ -1,8 +1,8 @@
 """An instance's rows as a stream of the Lab Streaming Layer (LSL), for a lab's recorder. It only reads.
 
 Its stamps are of CLOCK_MONOTONIC, as LSL's own clock. liblsl has many threads, and listens on every address of the
-machine, without a password: so it is in a process of its own, and `srl.runtime.contracts.reach` says who could read it.
-There is one stream: of several in a process, a search that comes by 127.0.0.1 finds one.
+machine, without a password: so it is in a process of its own, and `srl.runtime.contracts.exposure` says who could read
+it. There is one stream: of several in a process, a search that comes by 127.0.0.1 finds one.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import Any, Final
 from srl.runtime.contracts.errors import RecordingError, RequestError
 from srl.runtime.export.lsl_channels import Channels
 from srl.runtime.export.report import needed
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.rows import Rows
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import Cause, State
 
 BUFFERED: Final = 5  # s that a slow reader may be behind; liblsl keeps that in memory for each
 _CONFINED: Final = """

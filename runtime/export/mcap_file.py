@@ -23,8 +23,8 @@ from srl.runtime.contracts.frames import FrameEntry, as_pose, is_pose
 from srl.runtime.contracts.rotation import Pose, composed
 from srl.runtime.export.report import Report, needed, whole_file
 from srl.runtime.ipc.events import Level
+from srl.runtime.ipc.header import CYCLE, DEVICE
 from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.ipc.words import CYCLE, DEVICE
 from srl.runtime.messages import cdr
 from srl.runtime.messages.messages import Encoder, describe, time_of
 from srl.runtime.profile.keys import path
@@ -56,9 +56,9 @@ class _Channels:
         if kind not in self._schemas:
             text = cdr.definition(kind).encode()
             self._schemas[kind] = self.writer.register_schema(kind, "ros2msg", text)
-        told = {k: v if isinstance(v, str) else json.dumps(v) for k, v in about.items()}
+        reported = {k: v if isinstance(v, str) else json.dumps(v) for k, v in about.items()}
         self.count += 1
-        return int(self.writer.register_channel(topic, "cdr", self._schemas[kind], told))
+        return int(self.writer.register_channel(topic, "cdr", self._schemas[kind], reported))
 
 
 def write(recording: Recording, target: Path) -> Report:
@@ -77,8 +77,8 @@ def write(recording: Recording, target: Path) -> Report:
         channels = _Channels(writer)
         first = int(layout.word(recording.rows[0], "now")) + wall
         writer.add_attachment(first, first, "layout.json", "application/json", layout.text.encode())
-        told = {"name": str(layout.meta.get("name", "")), "missing": json.dumps(recording.missing)}
-        writer.add_metadata("srl", told)
+        reported = {"name": str(layout.meta.get("name", "")), "missing": json.dumps(recording.missing)}
+        writer.add_metadata("srl", reported)
         fixed, measured = _frames(layout)
         if fixed:
             _send_fixed(channels, fixed, first)

@@ -47,11 +47,11 @@ class Fast(ABC):
 
 
 class CommandGuard(ABC):
-    """Limits one command. Life cycle: `bind` -> (`reset` -> cycles of `reseat` and `step` or `stop`), repeated.
+    """Limits one command. Life cycle: `bind` -> (`reset` -> cycles of `resynchronise` and `step` or `stop`), repeated.
 
     Limits apply to the guard's own state, the last applied command. It runs freely while the device keeps its
-    command's `period` and `resolution`. Where the two part (a stalled link, a limiter in the device), `reseat` puts
-    the state back to what was sent, for those elements alone that part.
+    command's `period` and `resolution`. Where the two part (a stalled link, a limiter in the device), `resynchronise`
+    puts the state back to what was sent, for those elements alone that part.
 
     After `reset`, a guard makes no lasting allocations, never blocks and never raises. On bad input it brakes.
 
@@ -61,11 +61,11 @@ class CommandGuard(ABC):
         rejected: this cycle's desired command was not finite, or a measurement it needs was not finite or old.
         limited: this cycle's desired command was changed by more than the tolerance.
         fallback: this cycle braked because the trajectory generator failed.
-        reseated: this cycle began at what was sent instead of the last applied command.
-        rejections, limitations, fallbacks, reseats: number of cycles with the flag since the guard was made.
+        resynchronised: this cycle began at what was sent instead of the last applied command.
+        rejections, limitations, fallbacks, resyncs: number of cycles with the flag since the guard was made.
         held_in: the command has a position limit.
         at_rest: the present stop is complete.
-        blind: the measurements are old. The runtime sets it; the guard then makes no decision based on them.
+        unmeasured: the measurements are old. The runtime sets it; the guard then makes no decision based on them.
         stamp: ns, when they were taken; the runtime sets it. None: in each cycle anew.
         verified: asks the clearance of `keep_clear`; None without one.
         fast: computes its ordinary cycles in C; None: Python computes all.
@@ -141,18 +141,18 @@ class CommandGuard(ABC):
 
         self.applied: Array = np.zeros(command.shape)
         self.velocity: Array = np.zeros(command.shape)
-        self.rejected = self.limited = self.fallback = self.reseated = self.at_rest = False
-        self.rejections = self.limitations = self.fallbacks = self.reseats = 0
+        self.rejected = self.limited = self.fallback = self.resynchronised = self.at_rest = False
+        self.rejections = self.limitations = self.fallbacks = self.resyncs = 0
         # One period of the loop more: a command that is due may leave in this cycle.
-        patience = self._patience = max((command.period or 0.0) + dt, LONGEST * dt)
+        wait = self._wait = max((command.period or 0.0) + dt, LONGEST * dt)
         resolution = np.broadcast_to(np.ravel(command.resolution), self.size).tolist()
-        self._tracker = SentTracker(command.kind, patience, resolution)
+        self._tracker = SentTracker(command.kind, wait, resolution)
         self._sent: Array | None = None
         self._gravity: Array | None = None
         self._position: Array | None = None
         self._velocity: Array | None = None
-        self._ready = self._led = self._stopping = False
-        self.blind = False
+        self._ready = self._was_active = self._stopping = False
+        self.unmeasured = False
         self.stamp: int | None = None
         self.verified: VerifiedStop | None = None
         self.fast: Fast | None = None
@@ -175,7 +175,7 @@ class CommandGuard(ABC):
             applied: array that `step` and `stop` fill; C-contiguous.
             position: measured position, read by velocity and torque guards.
             velocity: measured velocity, read by torque guards.
-            sent: what left for the device, read by `reseat`; NaN before the first command.
+            sent: what left for the device, read by `resynchronise`; NaN before the first command.
             gravity: the gravity compensation contained in the desired torque, read by torque guards; None for a device
                 that adds its own.
         Raises:
@@ -208,7 +208,7 @@ class CommandGuard(ABC):
         """
         self.check_stroke(clearance)
         self.verified = VerifiedStop(
-            clearance, lag, self._patience, tracking, self.max_acceleration, self.max_jerk, least_lag=least_lag
+            clearance, lag, self._wait, tracking, self.max_acceleration, self.max_jerk, least_lag=least_lag
         )
 
     def check_stroke(self, clearance: Clearance, known: bool = True) -> None:
@@ -234,24 +234,25 @@ class CommandGuard(ABC):
     def _bound(self) -> None:
         """Further checks of the arrays by one kind of guard. Raises WiringError as `bind` does."""
 
-    def reset(self, position: Array, velocity: Array | None = None, *, led: bool = False) -> None:
+    def reset(self, position: Array, velocity: Array | None = None, *, was_active: bool = False) -> None:
         """Restarts the guard without a jump. Afterwards `applied` holds the first command.
 
         Args:
             position: measured position, or home for a device without feedback.
             velocity: present velocity of the command, zero if None; it is clipped to its limit.
-            led: the device has followed this guard up to now, in a stop. A torque goes on from what was sent last.
+            was_active: the device has followed this guard up to now, in a stop. A torque goes on from what was sent
+                last.
         Raises:
             DeviceError: the position or velocity is not finite.
         """
         start = self._start(position, velocity)
-        self._led, self._stopping = led, False
+        self._was_active, self._stopping = was_active, False
         if self.fast is not None:
             self.fast.forget()
         self._restart(*start)
         self._tracker.restart(self.applied.ravel().tolist())
 
-    def reseat(self, left: bool, dt: float) -> None:
+    def resynchronise(self, left: bool, dt: float) -> None:
         """Begins anew at what was sent where the device hasn't kept its command's period and resolution.
 
         Called once a cycle before the controllers, which then read the new state back. A position begins at rest. An
@@ -262,7 +263,7 @@ class CommandGuard(ABC):
             left: a command has left for the device since the last call.
             dt: actual time since the last cycle, s.
         """
-        self.reseated = False
+        self.resynchronised = False
         if self._sent is None or not self._ready:
             return
         if self.fast is not None and self.fast.taken(left, dt):
@@ -271,22 +272,24 @@ class CommandGuard(ABC):
         parted = self._tracker.compare(self._sent.ravel().tolist(), applied, left, dt)
         if parted and self._stopping and self.command.kind is not Kind.POSITION:
             # A stop goes on, whatever leaves: it may begin anew nearer to zero, never further from it.
-            seats = self._tracker.seats
+            restart_at = self._tracker.restart_at
             velocity = self.command.kind is Kind.VELOCITY
-            parted = [i for i in parted if velocity and abs(seats[i]) < abs(applied[i])]
+            parted = [i for i in parted if velocity and abs(restart_at[i]) < abs(applied[i])]
         if parted:
             if self.fast is not None:
                 self.fast.leave()
-            self._seat(self._tracker.seats, parted)
+            self._restart_from(self._tracker.restart_at, parted)
             # A replay with another backend differs in the last bits: those are adopted without a resynchronisation.
-            seats, tracker = self._tracker.seats, self._tracker
-            self.reseated = tracker.stalled or any(abs(seats[i] - applied[i]) > rounding(applied[i]) for i in parted)
-            self.reseats += self.reseated
+            restart_at, tracker = self._tracker.restart_at, self._tracker
+            self.resynchronised = tracker.stalled or any(
+                abs(restart_at[i] - applied[i]) > rounding(applied[i]) for i in parted
+            )
+            self.resyncs += self.resynchronised
 
     @property
     def misreported(self) -> bool:
         """What the driver reports as sent can't have been sent, for longer than a command may wait for its link."""
-        return self._tracker.false > self._patience
+        return self._tracker.false > self._wait
 
     def last_sent(self) -> Array:
         """What was sent last, for a start there; NaN where nothing was."""
@@ -310,7 +313,7 @@ class CommandGuard(ABC):
         self._stopping = False
         dt = self._span(dt)
         if self.fast is not None:
-            if not self.blind and (done := self.fast.step(desired, desired_velocity, dt)) >= 0:
+            if not self.unmeasured and (done := self.fast.step(desired, desired_velocity, dt)) >= 0:
                 self.limited = done > 0
                 self.limitations += self.limited
                 return
@@ -340,7 +343,7 @@ class CommandGuard(ABC):
         """Sets the state and `applied` for `reset`."""
 
     @abstractmethod
-    def _seat(self, sent: list[float], which: list[int]) -> None:
+    def _restart_from(self, sent: list[float], which: list[int]) -> None:
         """Sets the state and `applied` of these elements to what was sent; a position is at rest there."""
 
     @abstractmethod
@@ -357,7 +360,9 @@ class CommandGuard(ABC):
 
     def _span(self, dt: float) -> float:
         # After a stall the motion goes on with one period's span, never with the time since.
-        return min(max(dt, SHORTEST * self.dt), (1 if self._tracker.stalled or self.reseated else LONGEST) * self.dt)
+        return min(
+            max(dt, SHORTEST * self.dt), (1 if self._tracker.stalled or self.resynchronised else LONGEST) * self.dt
+        )
 
     def _begin(self) -> None:
         if not self._ready:
@@ -373,7 +378,7 @@ class CommandGuard(ABC):
                 "the position to start from is not finite",
                 "Check the device's feedback, then reset",
             )
-        self.rejected = self.limited = self.fallback = self.reseated = self.at_rest = False
+        self.rejected = self.limited = self.fallback = self.resynchronised = self.at_rest = False
         self._ready = True
         return p, [min(max(x, -limit), limit) for x, limit in zip(v, self.max_velocity, strict=True)]
 

@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from srl.runtime.contracts.compiled import NotCompiledError, Patience, Step, bind
+from srl.runtime.contracts.compiled import NotCompiledError, RetryBackoff, Step, bind
 from srl.runtime.contracts.signals import Array
 from srl.runtime.guard.base import CommandGuard, Fast
 from srl.runtime.guard.position import PositionGuard
@@ -18,7 +18,7 @@ _RARE = -1
 
 
 def compile_guard(guard: CommandGuard, asked: Array, asked_velocity: Array | None) -> None:
-    """From now on `step` and `reseat` of this bound guard take the C versions where they apply.
+    """From now on `step` and `resynchronise` of this bound guard take the C versions where they apply.
 
     Args:
         guard: after `bind` and `keep_clear`.
@@ -43,7 +43,7 @@ class _Compiled(Fast):
         self._inside, self._all_taken, self._dt = False, False, 0.0
         self._tolerance, self._tracker = np.array([guard.tolerance]), guard._tracker
         self._applied = np.zeros(guard.size)  # what was applied when all had been sent
-        self._patience = Patience()
+        self._backoff = RetryBackoff()
         self._step = self._bind(guard)
         self._same: Step | None = None
         if guard._sent is not None:
@@ -53,10 +53,10 @@ class _Compiled(Fast):
         if desired is not self._asked or desired_velocity is not self._rate:
             self.leave()
             return _RARE
-        if not self._inside and not (self._patience.over() and self._enter()):
+        if not self._inside and not (self._backoff.over() and self._enter()):
             return _RARE
         done = self._step(dt, self._flag)
-        self._patience.tried(done >= 0)
+        self._backoff.tried(done >= 0)
         if done < 0:
             self.leave()  # nothing to give back if it was a try: what Python holds meanwhile stays
         else:
@@ -70,7 +70,7 @@ class _Compiled(Fast):
 
     def taken(self, left: bool, dt: float) -> bool:
         tracker = self._tracker
-        if self._same is not None and dt <= tracker._patience and (left or not tracker.stalled) and not self._same(dt):
+        if self._same is not None and dt <= tracker._timeout and (left or not tracker.stalled) and not self._same(dt):
             tracker.stalled, tracker.false, tracker._dt = False, 0.0, dt
             self._all_taken, self._dt = True, dt
             return True
@@ -84,7 +84,7 @@ class _Compiled(Fast):
 
     def forget(self) -> None:
         self._inside = self._all_taken = False
-        self._patience.forget()
+        self._backoff.forget()
 
     @abstractmethod
     def _bind(self, guard: CommandGuard) -> Step:

@@ -13,40 +13,40 @@ def rounding(value: float) -> float:
 
 
 class SentTracker:
-    """Follows one command; see `CommandGuard.reseat` and docs/guard.md, "What was sent".
+    """Follows one command; see `CommandGuard.resynchronise` and docs/guard.md, "What was sent".
 
     An element is *taken* in a cycle if what was sent of it is what was applied, within the command's resolution, in
     that cycle or in the one before (a driver may send it in its next `read`). It is *stalled* once it wasn't taken
     for longer than the command's period.
 
     Attributes:
-        seats: by element, where to begin anew: the newest one sent since the reset, else the first command. Always
+        restart_at: by element, where to begin anew: the newest one sent since the reset, else the first command. Always
             within the range that the guard itself has applied since the element was last taken: what is reported can
             narrow what the guard allows, and never widen it.
         stalled: an element is stalled.
         false: s for which what is reported as sent, of any element, can't have been sent, less those in which it can.
     """
 
-    def __init__(self, kind: Kind, patience: float, resolution: list[float]) -> None:
+    def __init__(self, kind: Kind, timeout: float, resolution: list[float]) -> None:
         """
         Args:
             kind: of the command.
-            patience: s for which an element need not be taken.
+            timeout: s for which an element need not be taken.
             resolution: by element, the difference of what was sent and applied that is normal.
         """
-        self._kind, self._patience, self._resolution = kind, patience, resolution
+        self._kind, self._timeout, self._resolution = kind, timeout, resolution
         self._dt = 0.0  # of the last cycle, s
         self.restart([0.0] * len(resolution))
 
     def restart(self, applied: list[float]) -> None:
         """Begins with the first command after a reset."""
-        self.seats = self._low = self._high = applied  # low, high: the range that was applied since one was taken
+        self.restart_at = self._low = self._high = applied  # low, high: the range that was applied since one was taken
         self._previous = [nan] * len(applied)  # what was applied one cycle ago; NaN where the guard began anew
         self._unsent = [0.0] * len(applied)  # s since one was taken
         self.stalled, self.false = False, 0.0
 
     def compare(self, sent: list[float], applied: list[float], left: bool, dt: float) -> list[int]:
-        """Returns the elements that part from the guard: it must begin anew there, at their `seats`.
+        """Returns the elements that part from the guard: it must begin anew there, at their `restart_at`.
 
         Args:
             sent: what was sent; NaN before the first command.
@@ -55,10 +55,10 @@ class SentTracker:
             dt: s since the cycle before.
         """
         dt_before, self._dt = self._dt, dt
-        if sent == applied and dt <= self._patience and (left or not self.stalled):
+        if sent == applied and dt <= self._timeout and (left or not self.stalled):
             self.all_taken(applied, dt)
             return []
-        seats, unsent, parted = list(self.seats), list(self._unsent), []
+        restart_at, unsent, parted = list(self.restart_at), list(self._unsent), []
         low, high = list(map(min, self._low, applied)), list(map(max, self._high, applied))
         self.stalled, wrong = False, False
         for i, (s, a, before, r) in enumerate(zip(sent, applied, self._previous, self._resolution, strict=True)):
@@ -72,17 +72,17 @@ class SentTracker:
             # A device that rounds may hold what is applied without being sent anything. But in a stall, being near
             # to what was sent shows nothing, as the guard has begun there: until a command leaves, it isn't taken.
             spare = r + rounding(a)
-            taken = (abs(s - a) <= spare or abs(s - before) <= spare) and (left or unsent[i] <= self._patience)
+            taken = (abs(s - a) <= spare or abs(s - before) <= spare) and (left or unsent[i] <= self._timeout)
             if taken:
                 unsent[i] = dt if near else dt + dt_before
                 low[i], high[i] = (a, a) if near else (min(a, before), max(a, before))
             else:
                 unsent[i] += dt
-            stalled, limited = unsent[i] > self._patience, left and isfinite(s) and not (near or late)
+            stalled, limited = unsent[i] > self._timeout, left and isfinite(s) and not (near or late)
             if left and isfinite(s):
-                seats[i] = self._given(i, s, low[i], high[i])
+                restart_at[i] = self._given(i, s, low[i], high[i])
                 if limited:  # from there it goes on, so what was applied before can't be sent any more
-                    low[i] = high[i] = seats[i]
+                    low[i] = high[i] = restart_at[i]
             if limited or (stalled and (taken or not near)):
                 parted.append(i)
             self.stalled |= stalled
@@ -90,12 +90,12 @@ class SentTracker:
         for i in parted:
             previous[i] = nan
         self.false = self.false + dt if wrong else max(self.false - dt, 0.0) if left else self.false
-        self.seats, self._low, self._high, self._previous, self._unsent = seats, low, high, previous, unsent
+        self.restart_at, self._low, self._high, self._previous, self._unsent = restart_at, low, high, previous, unsent
         return parted
 
     def all_taken(self, applied: list[float], dt: float) -> None:
         """After a cycle of dt seconds in which all was sent as applied."""
-        self.seats = self._low = self._high = self._previous = applied
+        self.restart_at = self._low = self._high = self._previous = applied
         self._unsent, self.stalled, self.false = [dt] * len(applied), False, 0.0
 
     def last(self, sent: list[float], applied: list[float]) -> list[float]:

@@ -56,29 +56,29 @@ class Span:
     """How fast a joint is on average in a span, and in the one before: a measured speed is too coarse by itself.
 
     Attributes:
-        begun: it has been given a speed.
-        led: it isn't becoming slower, so something else moves it.
+        started: it has been given a speed.
+        back_driven: it isn't becoming slower, so something else moves it.
     """
 
-    __slots__ = ("_before", "_length", "_time", "_way", "begun", "led")
+    __slots__ = ("_before", "_length", "_time", "_way", "back_driven", "started")
 
     def __init__(self, length: float) -> None:
         """`length`: s, of a span."""
-        self.begun = self.led = False
+        self.started = self.back_driven = False
         self._length = length
         self._way = self._time = 0.0
         self._before = inf
 
     def add(self, speed: float, dt: float, damped: bool) -> None:
         """Takes a cycle of dt s at this speed, rad/s. `damped`: damping acted as it is meant to."""
-        self.begun = True
+        self.started = True
         if not damped:
-            self.led, self._before, self._way, self._time = False, inf, 0.0, 0.0
+            self.back_driven, self._before, self._way, self._time = False, inf, 0.0, 0.0
             return
         self._way, self._time = self._way + speed * dt, self._time + dt
         if self._time >= self._length:
             mean = self._way / self._time
-            self.led = mean >= (1 - SLOWS) * self._before
+            self.back_driven = mean >= (1 - SLOWS) * self._before
             self._before, self._way, self._time = mean, 0.0, 0.0
 
 
@@ -150,7 +150,7 @@ class TorqueGuard(CommandGuard):
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._release()
-        if self._led and finite(self.applied.ravel().tolist()):
+        if self._was_active and finite(self.applied.ravel().tolist()):
             self._read_gravity()
             return  # a stop may press against a load: to let go of that at once would be a jump
         self._g = [0.0] * self.size
@@ -158,7 +158,7 @@ class TorqueGuard(CommandGuard):
         start = [min(max(g, -E), E) for g, E in zip(self._g, self.max_effort, strict=True)]
         self.applied.reshape(-1)[:] = start
 
-    def _seat(self, sent: list[float], which: list[int]) -> None:
+    def _restart_from(self, sent: list[float], which: list[int]) -> None:
         for i in which:
             self.applied.flat[i] = sent[i]
 
@@ -169,8 +169,8 @@ class TorqueGuard(CommandGuard):
 
     def _halt(self, category: Stop, dt: float) -> None:
         self._read_gravity()
-        blind = not self._sensed()
-        limp = blind or category is Stop.LIMP
+        unmeasured = not self._sensed()
+        limp = unmeasured or category is Stop.LIMP
         q, qd = self._q, self._qd
         if limp:
             self._release()  # by the next stop, or when measurements return, it may be far away, and move otherwise
@@ -191,7 +191,7 @@ class TorqueGuard(CommandGuard):
                 if held is not None:
                     tau += d / HOLD_TIME * (held - q[i])
             out.append(g + tau)
-        self._apply(out, dt, sighted=not blind)
+        self._apply(out, dt, sighted=not unmeasured)
         if limp:
             applied = self.applied.ravel().tolist()
             self.at_rest = all(abs(x - t) <= self.tolerance for x, t in zip(applied, out, strict=True))
@@ -201,7 +201,7 @@ class TorqueGuard(CommandGuard):
 
     def _release(self) -> None:
         """Forgets what a stop holds, and how it went."""
-        if self._spans[0].begun:
+        if self._spans[0].started:
             self._held, self._spans = [None] * self.size, list(map(Span, self._lengths))
             self._places = [[] for _ in range(self.size)]
 
@@ -222,7 +222,7 @@ class TorqueGuard(CommandGuard):
 
     def _over(self, i: int) -> bool:
         """Whether a joint's own motion is over; see the class's docstring."""
-        return abs(self._qd[i]) <= STILL * self._barriers[i].V or self._spans[i].led
+        return abs(self._qd[i]) <= STILL * self._barriers[i].V or self._spans[i].back_driven
 
     def _watch(self, wanted: list[float], dt: float) -> None:
         """Follows how fast each joint is under the torque that is wanted."""
@@ -258,7 +258,7 @@ class TorqueGuard(CommandGuard):
         assert self._position is not None
         assert self._velocity is not None
         self._q, self._qd = self._position.ravel().tolist(), self._velocity.ravel().tolist()
-        return not self.blind and finite(self._q) and finite(self._qd)
+        return not self.unmeasured and finite(self._q) and finite(self._qd)
 
     def _read_gravity(self) -> None:
         if self._gravity is not None and np.isfinite(self._gravity).all():

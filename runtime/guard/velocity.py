@@ -54,15 +54,15 @@ class VelocityGuard(CommandGuard):
                 "Say the device's own time-out in s: add `timeout:` to `clear:`",
             )
         self.check_stroke(clearance)
-        goes_on = max(self._patience, timeout)
+        goes_on = max(self._wait, timeout)
         self.verified = VerifiedStop(
-            clearance, lag, self._patience, tracking, self.max_acceleration, self._no_jerk, goes_on, least_lag
+            clearance, lag, self._wait, tracking, self.max_acceleration, self._no_jerk, goes_on, least_lag
         )
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._apply([0.0] * self.size, self.dt)
 
-    def _seat(self, sent: list[float], which: list[int]) -> None:
+    def _restart_from(self, sent: list[float], which: list[int]) -> None:
         for i in which:
             self.applied.flat[i] = sent[i]
 
@@ -120,7 +120,7 @@ class VelocityGuard(CommandGuard):
         )
 
     def _sensed(self) -> bool:
-        return self._position is None or (not self.blind and finite(self._position.ravel().tolist()))
+        return self._position is None or (not self.unmeasured and finite(self._position.ravel().tolist()))
 
     def _bounded(self, desired: list[float], limits: list[float], dt: float) -> list[float]:
         """The velocity nearest to `desired` within the speed limit, the distance left and the acceleration limit.
@@ -157,7 +157,7 @@ class VelocityGuard(CommandGuard):
         """Tells where the limb may be with these velocities."""
         assert self._position is not None
         if not self._sensed():
-            verified.blind()
+            verified.unmeasured()
         measured = self._position.ravel().tolist()
         states = self._obeys(verified, measured, dt)
         after = [

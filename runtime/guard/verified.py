@@ -10,7 +10,7 @@ and the other side, the limb is at rest before anything comes nearer than it all
   way T is what is left of it, so the rest of a stop is the stop of the rest. (With a bounded jerk each joint brakes as
   fast as it can; that stop has the same property, but it isn't straight.)
 - the times are those of the limb and not of its command. A servo may be `lag` late, so the limb may be on its way to a
-  sample until the sample's time plus `lag` and `patience`, as long as a late cycle of the loop may last; beside that,
+  sample until the sample's time plus `lag` and `timeout`, as long as a late cycle of the loop may last; beside that,
   it may be off by `tracking`, or by what is measured where that is more;
 - a joint may be later than another. With lags between l and L, joint i is where its command was between l and L ago. It
   is beside the place where all commands were (l + L)/2 ago by (L - l)/2 times its largest speed in that time at most,
@@ -68,20 +68,20 @@ class VerifiedStop:
     """
 
     def __init__(
-        self, clearance: Clearance, lag: float, patience: float, tracking: Array, acceleration: Sequence[float],
+        self, clearance: Clearance, lag: float, timeout: float, tracking: Array, acceleration: Sequence[float],
         jerk: Sequence[float], goes_on: float = 0.0, least_lag: float = 0.0,
     ) -> None:  # fmt: skip
         """
         Args:
             clearance: the judge, bound.
             lag: s, the longest time from a command until the limb is there.
-            patience: s, by which a stop may be carried out late, at least a period: the loop may stall.
+            timeout: s, by which a stop may be carried out late, at least a period: the loop may stall.
             tracking: (n,) rad or m, by which the limb may be beside what was commanded within the lag.
             acceleration, jerk: (n,) the guard's limits; the jerk may be infinite.
             least_lag: s, the shortest lag of any joint.
             goes_on: s, for which the limb goes on at an accepted velocity before its stop begins; 0 for positions.
         """
-        self.clearance, self.lag, self.patience, self.goes_on = clearance, lag, patience, goes_on
+        self.clearance, self.lag, self.timeout, self.goes_on = clearance, lag, timeout, goes_on
         self.held, self.holds = False, 0
         self.margin = nan
         self.error = ""
@@ -117,7 +117,7 @@ class VerifiedStop:
         except Exception as error:  # a defect of a clearance must let nothing pass
             self._failed(error)
 
-    def blind(self) -> None:
+    def unmeasured(self) -> None:
         """Nothing is clear in this cycle: where the limb is isn't known."""
         self._usable, self._lost = False, True
 
@@ -229,7 +229,7 @@ class VerifiedStop:
             path[m], until[m] = [p for p, _, _ in tried], self.lag + dt
             m += 1
         end = m + self._stop(self._later(tried), m)
-        until[m:end] += self.lag + (self.goes_on + dt if self.goes_on else max(self.patience, dt))
+        until[m:end] += self.lag + (self.goes_on + dt if self.goes_on else max(self.timeout, dt))
         self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(states, tried, dt)))
         try:
             slack = self._slack + self._apart * (self._velocity + self._faster)

@@ -108,14 +108,14 @@ class _Reader:
 
     def __init__(self, out: bytearray) -> None:
         self.out = out
-        self._begun = b""
+        self._started = b""
 
     def take(self, data: bytes) -> list[tuple[str, int]]:
         """Raises ValueError: it is no panel. ConnectionError: it has gone."""
         if not data:
             raise ConnectionError
-        *lines, self._begun = (self._begun + data).split(b"\n")
-        if len(self._begun) > LONGEST:
+        *lines, self._started = (self._started + data).split(b"\n")
+        if len(self._started) > LONGEST:
             raise ValueError
         return [self._typed(line) for line in lines]
 
@@ -138,7 +138,7 @@ class GuideReader:
     def __init__(self, run_folder: RunFolder) -> None:
         self._path = run_folder.guide_socket
         self._end: socket.socket | None = None
-        self._begun = b""
+        self._started = b""
 
     @property
     def there(self) -> bool:
@@ -154,7 +154,7 @@ class GuideReader:
         except OSError:  # of one that was killed, or it is busy
             end.close()
         else:
-            self._end, self._begun = end, b""
+            self._end, self._started = end, b""
 
     def take(self) -> list[dict[str, Any]]:
         """The messages since the last call."""
@@ -162,13 +162,13 @@ class GuideReader:
             return []
         try:
             while data := self._end.recv(1 << 16):
-                self._begun += data
+                self._started += data
             self.close()
         except BlockingIOError:
             pass
         except OSError:
             self.close()
-        *lines, self._begun = self._begun.split(b"\n")
+        *lines, self._started = self._started.split(b"\n")
         return [json.loads(line) for line in lines]
 
     def type(self, typed: str, step: int) -> bool:

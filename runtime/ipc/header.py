@@ -10,7 +10,7 @@ from enum import IntEnum, IntFlag
 from typing import Final, NamedTuple
 
 
-class CycleWords(NamedTuple):
+class CycleHeader(NamedTuple):
     """Words of the cycle itself.
 
     Times are in ns: `now` on the loop's clock; `deadline`, `wake` and the ends of the phases on
@@ -31,7 +31,7 @@ class CycleWords(NamedTuple):
     log: int
     state: int
     cause: int
-    culprit: int
+    fault_source: int
     category: int
     overruns: int
     flags: int
@@ -44,7 +44,7 @@ class CycleWords(NamedTuple):
     refused: int
 
 
-class DeviceWords(NamedTuple):
+class DeviceHeader(NamedTuple):
     """Words of one device, from its driver's `Health`. A row has one set for each device.
 
     `commands` counts the cycles in which a command left for the device.
@@ -59,8 +59,8 @@ class DeviceWords(NamedTuple):
     commands: int
 
 
-CYCLE: Final = CycleWords(*range(len(CycleWords._fields)))
-DEVICE: Final = DeviceWords(*range(len(DeviceWords._fields)))
+CYCLE: Final = CycleHeader(*range(len(CycleHeader._fields)))
+DEVICE: Final = DeviceHeader(*range(len(DeviceHeader._fields)))
 
 # Bits of `flags`.
 FLAG_LATE = 1  # this cycle began after its deadline by more than a period
@@ -68,7 +68,7 @@ FLAG_DEGRADED = 2  # overruns: telemetry must reduce its load
 FLAG_REJECTED = 4  # the guard refused a command: it was not finite, or a measurement for it was not finite or old
 FLAG_FALLBACK = 8  # the guard braked because its trajectory generator failed
 FLAG_LIMITED = 16  # the guard changed a command
-FLAG_RESEATED = 32  # the guard began anew at what was sent: the link or the device didn't take its commands
+FLAG_RESYNCHRONISED = 32  # the guard began anew at what was sent: the link or the device didn't take its commands
 FLAG_HELD = 64  # nothing that was asked is clear of what the limb must keep clear of: it brakes or waits
 # Bits of a device's `link`.
 LINK_CONNECTED = 1

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from srl.runtime.ipc.words import CLIENTS, Cause, Latch, Origin
+from srl.runtime.ipc.header import CLIENTS, Cause, Latch, Origin
 
 NONE = Latch(0)
 LASTING = Latch.PERSON | Latch.BUS | Latch.EMERGENCY | Latch.FAULT | Latch.RESTART  # those that outlive a run

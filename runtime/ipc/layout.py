@@ -1,6 +1,6 @@
 """The layout of a row: one description, written beside the ring, that every reader shares.
 
-A row's payload is `Layout.ints` int64 words (the cycle's own, then seven for each device: `srl.runtime.ipc.words`),
+A row's payload is `Layout.ints` int64 words (the cycle's own, then seven for each device: `srl.runtime.ipc.header`),
 then float64 words (every signal's values).
 """
 
@@ -18,7 +18,7 @@ from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc import private_file
-from srl.runtime.ipc.words import CYCLE, DEVICE, Cause
+from srl.runtime.ipc.header import CYCLE, DEVICE, Cause
 
 Words = NDArray[np.int64]
 """Rows: (k, width), or one of them."""
@@ -26,8 +26,10 @@ Words = NDArray[np.int64]
 # The words of the first recordings, whose layouts don't name them.
 _FIRST_CYCLE = (
     *("cycle", "now", "dt", "deadline", "wake", "read", "control", "guard", "write", "log", "state", "cause"),
-    *("culprit", "category", "overruns", "flags", "request", "request_kind", "request_target", "request_result"),
+    *("fault_source", "category", "overruns", "flags", "request", "request_kind", "request_target", "request_result"),
 )
+# Words of earlier recordings that have another name now.
+_RENAMED = {"culprit": "fault_source"}
 _FIRST_DEVICE = ("stamp", "link", "frames", "errors", "resyncs", "reconnects")
 
 
@@ -117,7 +119,7 @@ class Layout:
         words = np.ascontiguousarray(rows[..., start : start + f.size])
         return words.view(np.float64).reshape((*rows.shape[:-1], *f.shape))
 
-    def culprit(self, cause: Cause, index: int) -> str:
+    def fault_source(self, cause: Cause, index: int) -> str:
         """The name of the device, controller or emergency input to which a cause's index refers; "" for none."""
         if index < 0:
             return ""
@@ -166,7 +168,8 @@ class Layout:
         try:
             content = json.loads(text)
             words = content.get("words", {"cycle": _FIRST_CYCLE, "device": _FIRST_DEVICE})
-            recorded = tuple(map(str, words["cycle"])), tuple(map(str, words["device"]))
+            cycle = tuple(_RENAMED.get(str(word), str(word)) for word in words["cycle"])
+            recorded = cycle, tuple(map(str, words["device"]))
             layout = cls([str(device) for device in content["devices"]], {}, dict(content["meta"]), recorded)
             for item in content["fields"]:
                 item |= {

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import CLIENTS, Origin
 from srl.runtime.ipc.ring import RingReader, RingWriter
-from srl.runtime.ipc.words import CLIENTS, Origin
 
 VALUES = 64
 _HEAD = 6

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import DEVICE
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import DEVICE
 
 _CUT = 29  # bits of a float64's significand that a float32 hasn't
 _HALF, _KEPT = np.int64(1 << (_CUT - 1)), np.int64(-(1 << _CUT))

@@ -9,10 +9,10 @@ from enum import StrEnum
 import numpy as np
 
 from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
 
 SILENCE = 0.1  # s without a row after which the newest counts as old; three periods of a slower loop
 LOOK = 0.25  # s between looks for the files of a new run

@@ -7,20 +7,20 @@ from math import nan
 
 from srl.runtime.contracts.clearance import NEVER
 from srl.runtime.guard.verified import VerifiedStop
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE
 from srl.runtime.profile.graph import Actuator, Graph
 
 HELD = 0.25  # s of being held, and of not being held, after which it is reported
 
 
-class Lookout:
+class ClearanceMonitor:
     """One command's; see the module's docstring. Reads and writes only the row."""
 
     def __init__(self, graph: Graph, actuator: Actuator, report: Callable[[str], None]) -> None:
         self._row, self._actuator, self._report = graph.row, actuator, report
         self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
         self._held = self._free = 0.0  # s
-        self._told = False
+        self._reported = False
 
     def look(self, verified: VerifiedStop, ran: bool) -> None:
         """Begins a cycle. ran: all laws have computed their outputs in it."""
@@ -42,11 +42,11 @@ class Lookout:
         assert actuator.margin is not None
         actuator.margin[0] = verified.margin
         self._held, self._free = (self._held + dt, 0.0) if verified.held else (0.0, self._free + dt)
-        if self._held > HELD and not self._told:
-            self._told = True
+        if self._held > HELD and not self._reported:
+            self._reported = True
             self._report(f"'{actuator.name}' is held: {verified.why}")
-        elif self._free > HELD and self._told:
-            self._told = False
+        elif self._free > HELD and self._reported:
+            self._reported = False
             self._report(f"'{actuator.name}' is held no longer")
 
     def rest(self) -> None:

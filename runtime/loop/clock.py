@@ -59,11 +59,11 @@ class Clock(ABC):
         """For work that goes on over many periods: to be called in it, else its sleep is had at once in `wait`."""
         self._breathe(time.monotonic_ns())
 
-    def _breathe(self, begun: int) -> None:
-        """Ends a wait that began at `begun` (CLOCK_MONOTONIC ns): sleeps on where sleep is overdue."""
+    def _breathe(self, started: int) -> None:
+        """Ends a wait that began at `started` (CLOCK_MONOTONIC ns): sleeps on where sleep is overdue."""
         now = time.monotonic_ns()
         if self._woke:
-            self._owed = max(0, self._owed + (begun - self._woke) - SHARE * (now - begun))
+            self._owed = max(0, self._owed + (started - self._woke) - SHARE * (now - started))
         if self._owed > BREATH:
             time.sleep(self._owed / SHARE / SECOND)
             self._owed, now = 0, time.monotonic_ns()
@@ -170,7 +170,7 @@ class DeviceClock(Clock):
         tick = self.tick
         last = tick.deadline
         self._register()
-        begun = time.monotonic_ns()
+        started = time.monotonic_ns()
         limit = last + self.period * 3 // 2
         heard = gone = False
         while not heard and (rest := limit - time.monotonic_ns()) > 0:
@@ -184,7 +184,7 @@ class DeviceClock(Clock):
         # A descriptor that nobody reads must not make the loop spin.
         if heard and (early := last + self.period // 2 - time.monotonic_ns()) > 0:
             time.sleep(early / SECOND)
-        self._breathe(begun)
+        self._breathe(started)
         now = time.monotonic_ns()
         if heard:
             tick.deadline = now

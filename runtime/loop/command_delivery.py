@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from srl.runtime.guard import CommandGuard
-from srl.runtime.ipc.words import DEVICE, LINK_ACTIVE
+from srl.runtime.ipc.header import DEVICE, LINK_ACTIVE
 from srl.runtime.profile.graph import Graph
 
 LONGEST = 2.0  # s of the same, after which it is the device's fault
 STALL = 0.25  # s of beginning anew at what was sent, after which it is reported
 
 
-class Departures:
+class CommandDelivery:
     """Follows what left, from the row's words alone: so a replay finds the same."""
 
     def __init__(self, graph: Graph, guards: Sequence[CommandGuard], report: Callable[[str], None]) -> None:
@@ -45,8 +45,8 @@ class Departures:
                 sent = actuator.sent.tobytes()
                 left, self._sent[i] = left and sent != self._sent[i], sent
             if self._links.item(actuator.device) & LINK_ACTIVE:
-                guard.reseat(left, dt)
-                self._tell_stall(i, guard.reseated, dt)
+                guard.resynchronise(left, dt)
+                self._tell_stall(i, guard.resynchronised, dt)
         self._counts = counts
 
     def stalled(self) -> int:
@@ -56,13 +56,13 @@ class Departures:
                 return actuator.device
         return -1
 
-    def _tell_stall(self, i: int, reseated: bool, dt: float) -> None:
+    def _tell_stall(self, i: int, resynchronised: bool, dt: float) -> None:
         """Reports a device that has taken no commands, or limited them all, for a while; and its end."""
-        self._lacks[i] = self._lacks[i] + dt if reseated else max(self._lacks[i] - dt / 4, 0.0)
+        self._lacks[i] = self._lacks[i] + dt if resynchronised else max(self._lacks[i] - dt / 4, 0.0)
         before = self._stalls[i]
-        self._stalls[i] = before + dt if reseated else 0.0
+        self._stalls[i] = before + dt if resynchronised else 0.0
         name = self._actuators[i].name
         if before <= STALL < self._stalls[i]:
             self._report(f"'{name}' isn't sent as applied: the limb waits where it was sent last")
-        elif before > STALL and not reseated:
+        elif before > STALL and not resynchronised:
             self._report(f"'{name}' is sent as applied again")

@@ -15,8 +15,7 @@ from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Kind, Limits, Stop
 from srl.runtime.ipc import latches
-from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
-from srl.runtime.ipc.words import (
+from srl.runtime.ipc.header import (
     CYCLE,
     DEVICE,
     FLAG_DEGRADED,
@@ -25,7 +24,7 @@ from srl.runtime.ipc.words import (
     FLAG_LATE,
     FLAG_LIMITED,
     FLAG_REJECTED,
-    FLAG_RESEATED,
+    FLAG_RESYNCHRONISED,
     LINK_ACTIVE,
     LINK_STALE,
     Cause,
@@ -33,20 +32,21 @@ from srl.runtime.ipc.words import (
     Origin,
     State,
 )
+from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
 from srl.runtime.loop.backends import Backends
-from srl.runtime.loop.departures import Departures
+from srl.runtime.loop.clearance_monitor import ClearanceMonitor
+from srl.runtime.loop.command_delivery import CommandDelivery
 from srl.runtime.loop.fault_finder import FaultFinder
 from srl.runtime.loop.feedback import Feedback
 from srl.runtime.loop.guards import make_guards
-from srl.runtime.loop.lookout import Lookout
-from srl.runtime.loop.machine import Fault, Ladder, Machine
+from srl.runtime.loop.machine import Fault, Machine, OverrunCounter
 from srl.runtime.loop.reset_inputs import ResetInputs
 from srl.runtime.profile.graph import Actuator, Graph
 
-PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
+TIMEOUT = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
-_CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
+_FAULT_SOURCE, _CATEGORY, _FLAGS = CYCLE.fault_source, CYCLE.category, CYCLE.flags
 _LATCHES, _REFUSED = CYCLE.latches, CYCLE.refused
 _REQUEST = slice(CYCLE.request, CYCLE.request_origin + 1)
 _STOPS = (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT)
@@ -83,38 +83,38 @@ class Cycle:
         self.machine = Machine(profile.faults, profile.emergency, automatic, standing, granted)
         self.reset_inputs = ResetInputs(graph)
         overrun = graph.profile.faults.overrun
-        self.ladder = Ladder(overrun.tolerate, overrun.window, overrun.stop)
+        self.overruns = OverrunCounter(overrun.tolerate, overrun.window, overrun.stop)
         self.report = report
         self.guards = make_guards(graph, limits)
         self._backends = Backends(graph, self.guards, backend)
         self._ints = graph.row.ints
         self._links, self._stamps = graph.row.devices[:, DEVICE.link], graph.row.devices[:, DEVICE.stamp]
         self._faults = FaultFinder(graph, self._lost, self.machine.watch)
-        self._departures = Departures(graph, self.guards, report)
+        self._delivery = CommandDelivery(graph, self.guards, report)
         self._feedback = Feedback(graph, limits, self.guards, report)
-        self._lookouts = [Lookout(graph, a, report) for a in graph.actuators]
+        self._clearances = [ClearanceMonitor(graph, a, report) for a in graph.actuators]
         self._laws = [
             (law.controller, compiled or law.controller, law.reads, law.measured, law.writes)
             for law, compiled in zip(graph.laws, self._backends.laws, strict=True)
         ]
-        self._weighing = [
+        self._gravity_laws = [
             (law.controller, law.reads, law.measured, law.writes)
             for law in graph.laws
-            if type(law.controller).weigh is not Controller.weigh
+            if type(law.controller).update_gravity is not Controller.update_gravity
         ]
-        self._weighs = True  # none of them has failed since the last reset
+        self._gravity_ok = True  # none of them has failed since the last reset
         self._followed = [graph.followed(law) for law in graph.laws]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
         self._homed = [True for a in graph.actuators]
         self._put_home = [a.command.feedback is None for a in graph.actuators]
-        self._begun = [False for a in graph.actuators]  # it has been commanded in this run
+        self._started = [False for a in graph.actuators]  # it has been commanded in this run
         self._unmeasured_stay = profile.reset.unmeasured == "refuse"
         self._kept = latches.of_names(profile.reset.keeps)
         self._ran = False  # all laws, in this cycle
         self._leaving = 0  # ns since the exit was requested
         self._fault: Fault | None = None
-        self.struck = False  # a fault began in this cycle: what asks for motion came before it
+        self.fault_onset = False  # a fault began in this cycle: what asks for motion came before it
         self._was = State.STARTING
 
     def check(self, missed: int, request: Request | None = None, answer: Answer = Answer.NONE) -> Answer:
@@ -135,9 +135,9 @@ class Cycle:
         before, self._fault = self._fault, self._faults.find(now)
         following = self._feedback.find(ints.item(_DT) * 1e-9)
         self._fault = self._fault or following
-        self.struck = self._fault is not None and self._fault != before
+        self.fault_onset = self._fault is not None and self._fault != before
         machine.recover = False
-        degraded, too_many = self.ladder.count(now, missed)
+        degraded, too_many = self.overruns.count(now, missed)
         ints[_FLAGS] = FLAG_LATE * (missed > 0) + FLAG_DEGRADED * degraded
         overrun = Fault(Cause.OVERRUN) if too_many else None
         if (fault := self._fault or overrun) is not None:
@@ -165,13 +165,13 @@ class Cycle:
                 if unfit is not None and answer is Answer.REFUSED_FAULT:
                     # The refusal is reported, and the device is no longer commanded: a later start begins at the
                     # measured position.
-                    self._links[unfit.culprit] &= ~LINK_ACTIVE
+                    self._links[unfit.fault_source] &= ~LINK_ACTIVE
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
         if machine.state is State.READY and machine.automatic:
             machine.start_if_ready(fault or self._feedback.unfit())
         stopped = machine.state in (State.STOPPING, State.STOPPED)
-        self.reset_inputs.look(now, stopped and not stop and not self.struck)
+        self.reset_inputs.look(now, stopped and not stop and not self.fault_onset)
         return answer
 
     def _refused(self, kind: RequestKind) -> Answer:
@@ -186,7 +186,7 @@ class Cycle:
                 # The first motion of a run begins at home, where a person has put the limb.
                 if (
                     actuator.command.feedback is None
-                    and self._begun[i]
+                    and self._started[i]
                     and (not self._links.item(actuator.device) & LINK_ACTIVE or self.category(actuator) is Stop.LIMP)
                 ):
                     return Answer.REFUSED_UNMEASURED
@@ -204,16 +204,16 @@ class Cycle:
 
         In a stop only those that hold its weight go on, with that alone.
         """
-        self._departures.tell(self._ints.item(_DT) * 1e-9)
-        if (device := self._departures.stalled()) >= 0 and self.machine.state is State.ACTIVE:
+        self._delivery.tell(self._ints.item(_DT) * 1e-9)
+        if (device := self._delivery.stalled()) >= 0 and self.machine.state is State.ACTIVE:
             self.report(f"'{self.graph.devices[device].name}' has taken no commands as they are for too long")
             self.machine.stop(Fault(Cause.DEVICE_FAULT, device))
         state, self._ran = self.machine.state, False
         if state in (State.STOPPING, State.STOPPED):
-            self._weigh()
+            self._update_gravity()
         if state is not State.ACTIVE:
             return
-        self._weighs = True
+        self._gravity_ok = True
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
         fresh = self._was is not State.ACTIVE
         for i, (controller, law, reads, measured, writes) in enumerate(self._laws):
@@ -230,7 +230,7 @@ class Cycle:
             except Exception:
                 self.report(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
                 self.machine.stop(Fault(Cause.CONTROLLER_ERROR, i))
-                self._weighs = False
+                self._gravity_ok = False
                 return
             if controller.lost:
                 why = f": {controller.why}" if controller.why else ""
@@ -243,21 +243,21 @@ class Cycle:
                 return
         self._ran = True
 
-    def _weigh(self) -> None:
+    def _update_gravity(self) -> None:
         """Renews the gravity that the guards hold; what fails stays as it was."""
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
-        for controller, reads, measured, writes in self._weighing if self._weighs else ():
+        for controller, reads, measured, writes in self._gravity_laws if self._gravity_ok else ():
             try:
                 for index, array in reads:
                     floats.take(index, 0, array, "clip")
                 for transform in measured:
                     transform.update()
-                controller.weigh(dt)
+                controller.update_gravity(dt)
                 for index, array in writes:
                     floats[index] = array
             except Exception:
                 self.report(f"controller '{controller.name}' failed in the stop: {traceback.format_exc(limit=-3)}")
-                self._weighs = False
+                self._gravity_ok = False
 
     def guard(self) -> None:
         """Bounds every command or carries out the stop, then updates the state."""
@@ -269,14 +269,14 @@ class Cycle:
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             link = self._links.item(actuator.device)
             if not link & LINK_ACTIVE:
-                self._lookouts[i].rest()
+                self._clearances[i].rest()
                 continue
             category = self.category(actuator)
             # With an old measured velocity, damping would drive the joint, and retracting would never arrive.
-            guard.blind = bool(link & LINK_STALE)
+            guard.unmeasured = bool(link & LINK_STALE)
             guard.stamp = self._stamps.item(actuator.device)
             if guard.verified is not None:
-                self._lookouts[i].look(guard.verified, self._ran)
+                self._clearances[i].look(guard.verified, self._ran)
             if state is State.ACTIVE:
                 guard.step(actuator.asked, actuator.asked_velocity, dt)
             elif state is State.HOMING:
@@ -287,32 +287,32 @@ class Cycle:
                 # The loop tells the device to do so; no command follows.
                 self._links[actuator.device] &= ~LINK_ACTIVE
                 self._put_home[i] = actuator.command.feedback is None
-                self._lookouts[i].rest()
+                self._clearances[i].rest()
             else:
                 guard.stop(category, dt)
                 at_rest &= guard.at_rest
             ints[_CATEGORY] = _CATEGORIES[category]
             flags |= FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
-            flags |= FLAG_RESEATED * guard.reseated
+            flags |= FLAG_RESYNCHRONISED * guard.resynchronised
             if guard.verified is not None:
                 flags |= FLAG_HELD * guard.verified.held
-                self._lookouts[i].tell(guard.verified, dt)
+                self._clearances[i].tell(guard.verified, dt)
         if flags:
             ints[_FLAGS] |= flags
         self._was = state
         if machine.exiting:
             self._leaving += ints.item(_DT)
-        machine.settle(at_rest or self._leaving > PATIENCE)
-        ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit
+        machine.settle(at_rest or self._leaving > TIMEOUT)
+        ints[_STATE], ints[_CAUSE], ints[_FAULT_SOURCE] = machine.state, machine.cause, machine.fault_source
         ints[_LATCHES] = machine.latches
 
-    def figures(self) -> dict[str, dict[str, object]]:
+    def metrics(self) -> dict[str, dict[str, object]]:
         """The laws' own figures, by name, of those that have some. A law that fails here doesn't spoil the run."""
         self._backends.give_back()
         found = {}
         for controller in self.graph.controllers:
             try:
-                found[controller.name] = controller.figures()
+                found[controller.name] = controller.metrics()
             except Exception:
                 self.report(f"controller '{controller.name}' has no figures: {traceback.format_exc(limit=-3)}")
         return found
@@ -329,7 +329,7 @@ class Cycle:
         however wrong, moves nothing. Else it starts at the measured position, else at home where the user has placed
         the limb there, else at what was sent last. Velocity and torque guards choose their start themselves.
         """
-        led = (self._links & LINK_ACTIVE).astype(bool).tolist()
+        was_active = (self._links & LINK_ACTIVE).astype(bool).tolist()
         refused = set()  # devices of which a command can't start: such a one isn't activated, not in part either
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             start = actuator.applied.copy()
@@ -338,12 +338,12 @@ class Cycle:
                 if known:
                     start = guard.last_sent()
                 if actuator.measured is not None:
-                    if not (known and led[actuator.device]):
+                    if not (known and was_active[actuator.device]):
                         start = actuator.measured.copy()
                 elif self._put_home[i] and actuator.home is not None:
                     start = actuator.home.copy()
             try:
-                guard.reset(start, led=led[actuator.device])
+                guard.reset(start, was_active=was_active[actuator.device])
             except DeviceError as error:
                 self.report(str(error))
                 self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))
@@ -351,7 +351,7 @@ class Cycle:
         for i, actuator in enumerate(self.graph.actuators):
             if actuator.device not in refused:
                 self._links[actuator.device] |= LINK_ACTIVE
-                self._begun[i], self._put_home[i] = True, False
+                self._started[i], self._put_home[i] = True, False
                 self._feedback.restart(i)
 
 

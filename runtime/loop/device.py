@@ -24,12 +24,12 @@ from srl.runtime.contracts.errors import DeviceLostError, SrlError
 from srl.runtime.contracts.signals import Limits, Stop
 from srl.runtime.contracts.world import Fake
 from srl.runtime.guard.samples import SampleCheck
-from srl.runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE
+from srl.runtime.ipc.header import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE
 from srl.runtime.loop.expected import expect
 from srl.runtime.profile.graph import Actuator
 
 RETRY = 0.5  # s between attempts to open a lost device
-SAID = 1_000_000_000  # ns between two events about samples that aren't taken
+REPORT_EVERY = 1_000_000_000  # ns between two events about samples that aren't taken
 SILENT = 2_000_000_000  # ns that an active device may take for its first command
 _HEALTH = DEVICE.commands  # number of words that `Health` gives
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
@@ -79,7 +79,7 @@ class Device:
         self._stamp = self._given = -1  # of the newest sample that was taken: that in the row, its driver's
         self._left = -1  # of the sample that it left behind when it was lost
         self._jump = ""  # a fault: where it is measured isn't where it can have moved to
-        self._said = -SAID  # ns, when it was last reported that a sample isn't taken
+        self._reported = -REPORT_EVERY  # ns, when it was last reported that a sample isn't taken
         self._odd_since = -1  # ns, since when none is taken; -1: the newest one was
         self._fault = ""  # the newest reported fault
         # ns, since when it is active without a command; -1 while it isn't active; None once it has sent one
@@ -149,8 +149,8 @@ class Device:
             if samples.untrue and not self._jump:
                 if self.active:
                     self._jump = samples.untrue
-                elif now - self._said >= SAID:
-                    self._said = now
+                elif now - self._reported >= REPORT_EVERY:
+                    self._reported = now
                     self._report(f"'{name}': {samples.untrue}")
             if samples.jumped:
                 text = f"it jumped: {samples.last}"
@@ -161,12 +161,16 @@ class Device:
         elif samples.odd is not None:
             self._odd_since = now if self._odd_since < 0 else self._odd_since
             lasts = now - self._odd_since
-            if now - self._said >= max(SAID, lasts // 2):
-                self._said = now
+            if now - self._reported >= max(REPORT_EVERY, lasts // 2):
+                self._reported = now
                 signal, element, _, why = samples.odd
-                said = f"no sample has been taken for {lasts * 1e-9:.0f} s" if lasts > SAID else "a sample isn't taken"
-                more = ". Look at its units and wiring, and at what it measures" if lasts > SAID else ""
-                self._report(f"'{name}': {said}: {signal}{f'[{element}]' if element else ''} {why}{more}")
+                output = (
+                    f"no sample has been taken for {lasts * 1e-9:.0f} s"
+                    if lasts > REPORT_EVERY
+                    else "a sample isn't taken"
+                )
+                more = ". Look at its units and wiring, and at what it measures" if lasts > REPORT_EVERY else ""
+                self._report(f"'{name}': {output}: {signal}{f'[{element}]' if element else ''} {why}{more}")
 
     def write(self, now: int) -> None:
         """Sends the commands, except while the device is lost."""
@@ -268,10 +272,10 @@ class Device:
 
     def _reopen(self) -> None:
         """Runs in the thread: reopens the device after each loss."""
-        said = ""
+        output = ""
         while not self._closing.is_set():
             if not self._wanted.wait(RETRY):
-                said = ""
+                output = ""
                 continue
             if self._closing.is_set():
                 return
@@ -282,9 +286,9 @@ class Device:
                 self._back.set()
                 continue
             except SrlError as error:
-                if str(error) != said:
-                    said = str(error)
-                    self._events.append(f"still away: {said}")
+                if str(error) != output:
+                    output = str(error)
+                    self._events.append(f"still away: {output}")
             except Exception:
                 self._events.append(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
             self._closing.wait(RETRY)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 
-from srl.runtime.ipc.words import (
+from srl.runtime.ipc.header import (
     DEVICE,
     LINK_ACTIVE,
     LINK_CONNECTED,
@@ -15,7 +15,7 @@ from srl.runtime.ipc.words import (
     Cause,
 )
 from srl.runtime.loop.machine import Fault
-from srl.runtime.loop.sights import Sights
+from srl.runtime.loop.pose_monitor import PoseMonitor
 from srl.runtime.profile.graph import Graph
 
 _ILL = LINK_CONNECTED | LINK_ERROR | LINK_FAULT | LINK_STALE  # of a device that is well only the first is set
@@ -35,7 +35,7 @@ class FaultFinder:
         self._graph, self._lost, self._watch = graph, lost, watch
         self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
         self._max_age = self._ages()
-        self._sights = Sights(graph.sights)
+        self._poses = PoseMonitor(graph.monitored_poses)
         self._count = len(graph.devices)  # clients come after them
         owners = graph.layout.devices
         self._emergency = [
@@ -47,13 +47,13 @@ class FaultFinder:
         stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: each costs a tenth of a numpy one
         fault: Fault | None = None
         trouble = False  # in what the stop depends on
-        blind = self._sights.lost(now)
+        lost_poses = self._poses.lost(now)
         for i, max_age in enumerate(self._max_age):
             stamp, link = stamps[i], links[i]
             client = i >= self._count
             # A client that has not sent anything yet is not stale. A device without a sample is.
             stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
-            stale |= i in blind
+            stale |= i in lost_poses
             if not stale and link & _ILL == LINK_CONNECTED:
                 continue  # the usual: nothing to find
             if stale != bool(link & LINK_STALE):
@@ -87,7 +87,7 @@ class FaultFinder:
 
     def of_client(self, fault: Fault | None) -> bool:
         """Whether the fault is a client's silence."""
-        return fault is not None and fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
+        return fault is not None and fault.cause is Cause.INTENT_LOSS and fault.fault_source >= self._count
 
     def _ages(self) -> list[int]:
         """Each device's max_age in ns; 0 for a device that gives nothing that could be stale."""

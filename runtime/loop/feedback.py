@@ -15,7 +15,7 @@ from srl.runtime.contracts.signals import Array, Limits
 from srl.runtime.guard import CommandGuard
 from srl.runtime.guard.following import FollowingError, usual_window
 from srl.runtime.guard.samples import AGREE, SLACK, SPEED
-from srl.runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Cause
+from srl.runtime.ipc.header import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Cause
 from srl.runtime.loop.machine import Fault
 from srl.runtime.profile.following import monitored
 from srl.runtime.profile.graph import Actuator, Graph
@@ -40,7 +40,7 @@ class Feedback:
         self._graph, self._guards, self._report = graph, guards, report
         self._links = graph.row.devices[:, DEVICE.link]
         self._monitors = [_monitor(graph, a, guard) for a, guard in zip(graph.actuators, guards, strict=True)]
-        self._said: dict[int, str] = {}  # by actuator, what of it was reported and is still so
+        self._reported: dict[int, str] = {}  # by actuator, what of it was reported and is still so
         self._stamps = graph.row.devices[:, DEVICE.stamp]
         self._recent = [deque[tuple[int, Array]](maxlen=AGREE) for a in graph.actuators]
         self._unfit: str | None = None  # the command that was said to be unfit last
@@ -67,11 +67,11 @@ class Feedback:
                 text = self._behind(actuator, monitor)
                 fault = fault or Fault(Cause.FOLLOWING_ERROR, actuator.device)
             else:
-                if i in self._said and (monitor is None or monitor.fits()):
-                    del self._said[i]
+                if i in self._reported and (monitor is None or monitor.fits()):
+                    del self._reported[i]
                 continue
-            if i not in self._said:
-                self._said[i] = text
+            if i not in self._reported:
+                self._reported[i] = text
                 self._report(text)
         return fault
 
@@ -86,15 +86,15 @@ class Feedback:
         ):
             if actuator.measured is None:
                 continue
-            led = self._links.item(actuator.device) & LINK_ACTIVE
+            was_active = self._links.item(actuator.device) & LINK_ACTIVE
             q = actuator.measured.ravel()
             if not np.isfinite(q).all():
-                if not led:
+                if not was_active:
                     continue  # the guard itself refuses to start from what isn't finite
                 why = f"'{actuator.name}': not all of its joints are measured"
-            elif not led and actuator.command.kind == "position" and not self._steady(k):
+            elif not was_active and actuator.command.kind == "position" and not self._steady(k):
                 why = f"'{actuator.name}': its limb jumps, or is measured now here, now there"
-            elif led and monitor is not None:
+            elif was_active and monitor is not None:
                 why = "" if monitor.fits() else self._behind(actuator, monitor)
             elif guard.held_in:
                 window = usual_window(actuator.command) if monitor is None else monitor.window

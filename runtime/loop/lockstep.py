@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from srl.runtime.ipc.header import CYCLE, Origin, State
 from srl.runtime.ipc.requests import Request, RequestKind
-from srl.runtime.ipc.words import CYCLE, Origin, State
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.device import Device
 from srl.runtime.loop.guards import limits_of

@@ -9,9 +9,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from srl.runtime.ipc.header import CYCLE, Cause, Origin, State
 from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, RequestKind
 from srl.runtime.ipc.ring import RingWriter
-from srl.runtime.ipc.words import CYCLE, Cause, Origin, State
 from srl.runtime.loop.clock import Clock
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.device import Device
@@ -41,7 +41,7 @@ class Loop:
         self.cycle, self.requests, self.ring = cycle, requests, ring
         self.commanded = [d for d in devices if d.actuators]
         self.refusals = Refusals(cycle.report)
-        self._begun = False  # whether a start or reset was granted in this cycle
+        self._started = False  # whether a start or reset was granted in this cycle
         # Keeps the supervisor's stop frames current. Not for a device that this write lost: its frame was for a
         # connection that is gone, and its driver belongs to the thread that opens it again.
         self.after_write: Callable[[Device], None] = lambda device: None
@@ -85,8 +85,8 @@ class Loop:
             for text in self.requests.notes:
                 self.cycle.report(text)
             self.refusals.turn(tick.now)
-            if self._begun:  # after the row, which holds what this cycle saw
-                self._begun = False
+            if self._started:  # after the row, which holds what this cycle saw
+                self._started = False
                 self.requests.forget_setpoints()
             self.each_cycle(self.cycle.machine.state)
             ints[_LOG] = monotonic() - written
@@ -114,7 +114,7 @@ class Loop:
             self.cycle.check(missed)
         else:
             pending.answer = self.cycle.check(missed, pending.request, pending.answer)
-        if self.cycle.struck:
+        if self.cycle.fault_onset:
             self.requests.overtake()
         if ints.item(_ORIGIN):
             self._note(-1 if pending is None else pending.uid, (machine.state, machine.latches) != before)
@@ -138,12 +138,12 @@ class Loop:
             self.refusals.add(1, refusal(kind, origin, uid, answer))
         elif kind in STATE_REQUESTS and changed:
             self.cycle.report(described(kind, origin, uid))
-        self._begun = answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET)
+        self._started = answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET)
 
     def _answer(self, pending: PendingRequest) -> None:
         machine = self.cycle.machine
-        self.requests.reply(pending, machine.state, machine.cause, self.culprit(), machine.latches)
+        self.requests.reply(pending, machine.state, machine.cause, self.fault_source(), machine.latches)
 
-    def culprit(self) -> str:
+    def fault_source(self) -> str:
         """The name of the part that caused the stop, or an empty text."""
-        return self.graph.layout.culprit(self.cycle.machine.cause, self.cycle.machine.culprit)
+        return self.graph.layout.fault_source(self.cycle.machine.cause, self.cycle.machine.fault_source)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from srl.runtime.contracts.signals import Stop
 from srl.runtime.ipc import latches
+from srl.runtime.ipc.header import Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind
-from srl.runtime.ipc.words import Cause, Latch, Origin, State
 from srl.runtime.profile.profile import EmergencyInput, Faults
 
 # The reaction to a fault: one category for every actuator, or "stop" for each actuator's own.
@@ -26,7 +26,7 @@ class Fault:
     """A fault that stops the limb."""
 
     cause: Cause
-    culprit: int = -1  # index of the device, controller or emergency input; -1: none
+    fault_source: int = -1  # index of the device, controller or emergency input; -1: none
 
 
 class Machine:
@@ -34,7 +34,7 @@ class Machine:
 
     Attributes:
         state: the present state.
-        cause, culprit: why the limb stopped last; the cause is NONE in normal operation.
+        cause, fault_source: why the limb stopped last; the cause is NONE in normal operation.
         latches: what keeps the stop; none of them stands while the limb may move.
         override: the stop category of every actuator; None: each actuator's own.
         exiting: True if the run ends once the limb is at rest.
@@ -63,7 +63,7 @@ class Machine:
         self.state = State.STOPPED if standing else State.READY
         self.cause = Cause.RESTART if standing else Cause.NONE
         self.latches = standing if automatic else standing | Latch.START
-        self.culprit = -1
+        self.fault_source = -1
         self.override: Stop | None = None
         self.exiting = False
         self.recover = False
@@ -92,7 +92,7 @@ class Machine:
             self.latches |= latch
         # Of two emergencies, the one that comes first in the profile counts.
         emergency = fault.cause is Cause.EMERGENCY and (
-            self.cause is not Cause.EMERGENCY or fault.culprit < self.culprit
+            self.cause is not Cause.EMERGENCY or fault.fault_source < self.fault_source
         )
         if moving:
             self._enter(State.STOPPING, fault)
@@ -100,9 +100,9 @@ class Machine:
             self._enter(State.STOPPED if self.state is State.READY else self.state, fault)
 
     def _enter(self, state: State, fault: Fault) -> None:
-        self.state, self.cause, self.culprit = state, fault.cause, fault.culprit
-        if fault.cause is Cause.EMERGENCY and fault.culprit >= 0:
-            reaction: object = self._emergency[fault.culprit].category
+        self.state, self.cause, self.fault_source = state, fault.cause, fault.fault_source
+        if fault.cause is Cause.EMERGENCY and fault.fault_source >= 0:
+            reaction: object = self._emergency[fault.fault_source].category
         else:
             reaction = self._reactions.get(fault.cause, _OWN)
         self.override = reaction if isinstance(reaction, Stop) else None
@@ -145,7 +145,7 @@ class Machine:
             self._begin()
 
     def _begin(self) -> None:
-        self.state, self.cause, self.culprit, self.override = State.HOMING, Cause.NONE, -1, None
+        self.state, self.cause, self.fault_source, self.override = State.HOMING, Cause.NONE, -1, None
         self.latches = latches.NONE
 
     def settle(self, at_rest: bool) -> None:
@@ -158,7 +158,7 @@ class Machine:
             self.state = State.ENDED
 
 
-class Ladder:
+class OverrunCounter:
     """Counts overruns: a few are tolerated, more degrade telemetry, many stop the limb."""
 
     def __init__(self, tolerate: int, window: float, stop: int) -> None:

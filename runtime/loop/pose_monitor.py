@@ -7,34 +7,34 @@ from math import acos, dist, pi, remainder
 from typing import Final
 
 from srl.runtime.contracts.frames import are_pose
-from srl.runtime.profile.graph import Sight
+from srl.runtime.profile.graph import MonitoredPose
 
 TURNING: Final = 50.0  # rad/s: faster than a hand
 SPAN: Final = 0.05  # s: after a longer pause no more motion is believed than in this time
 SLACK: Final = 0.03, 0.3  # m, rad: noise, and a sample that came late
 
 
-class Sights:
+class PoseMonitor:
     """Watches each pose; see the module's docstring."""
 
-    def __init__(self, sights: Sequence[Sight]) -> None:
-        self._sights = sights
-        self._last: list[list[float] | None] = [None] * len(sights)
-        self._moved = [0] * len(sights)  # ns
+    def __init__(self, monitored_poses: Sequence[MonitoredPose]) -> None:
+        self._poses = monitored_poses
+        self._last: list[list[float] | None] = [None] * len(monitored_poses)
+        self._moved = [0] * len(monitored_poses)  # ns
 
     def lost(self, now: int) -> set[int]:
         """The devices, by index, of which a pose is none, never came, or jumps."""
         found = set()
-        for i, sight in enumerate(self._sights):
-            last, pose = self._last[i], sight.pose.tolist()
+        for i, monitored in enumerate(self._poses):
+            last, pose = self._last[i], monitored.pose.tolist()
             if pose == last:
                 continue
             if not are_pose(pose):
-                if last is not None or not sight.client:  # a client may not have begun
-                    found.add(sight.device)
+                if last is not None or not monitored.client:  # a client may not have begun
+                    found.add(monitored.device)
                 continue
-            if last is not None and _jumps(last, pose, sight.speed, min((now - self._moved[i]) * 1e-9, SPAN)):
-                found.add(sight.device)
+            if last is not None and _jumps(last, pose, monitored.speed, min((now - self._moved[i]) * 1e-9, SPAN)):
+                found.add(monitored.device)
             self._last[i], self._moved[i] = pose, now
         return found
 

@@ -27,12 +27,12 @@ from srl.runtime.ipc import latches, private_file
 from srl.runtime.ipc.channel import Channel
 from srl.runtime.ipc.child import Ending
 from srl.runtime.ipc.events import EventWriter, Level
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.ipc.launch import Launch
 from srl.runtime.ipc.notify import Notifier
 from srl.runtime.ipc.ring import RingWriter
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.ipc.stop_slots import StopSlots
-from srl.runtime.ipc.words import CYCLE, Cause, State
 from srl.runtime.loop import realtime
 from srl.runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
 from srl.runtime.loop.control_end import ControlEnd
@@ -84,8 +84,8 @@ class Process:
         graph = self.graph = wiring.build(checked, source, launch.sim)
         for text in launch.said:
             self.report(text)
-        for doubt in graph.doubts:
-            self.report(f"doubted: {doubt}")
+        for warning in graph.warnings:
+            self.report(f"warning: {warning}")
         for remark in graph.remarks:
             self.report(remark, Level.INFO)
         self.devices = [
@@ -169,7 +169,7 @@ class Process:
             realtime.leave()
             requests.close()
         try:
-            private_file.replace(self.run_folder.result, json.dumps(self._figures(loop)).encode())
+            private_file.replace(self.run_folder.result, json.dumps(self._metrics(loop)).encode())
         except Exception as error:  # whatever a driver's figures are: the run itself went well
             self.report(f"the run's own figures can't be kept: {error!r}")
 
@@ -250,7 +250,7 @@ class Process:
             if state is not said:
                 cause = loop.cycle.machine.cause
                 level = Level.INFO if cause in (Cause.NONE, Cause.END) else Level.WARNING
-                why = f" ({cause.name.lower()} {loop.culprit()})".replace(" )", ")") if cause else ""
+                why = f" ({cause.name.lower()} {loop.fault_source()})".replace(" )", ")") if cause else ""
                 self.report(f"{state.name.lower()}{why}", level)
                 if said is State.STARTING:
                     notifier.ready()
@@ -263,16 +263,21 @@ class Process:
         category = loop.cycle.category(device.actuators[0])
         return _HOLD if category is _RETRACT else category
 
-    def _figures(self, loop: Loop) -> dict[str, Any]:
+    def _metrics(self, loop: Loop) -> dict[str, Any]:
         graph = loop.graph
-        figures: dict[str, Any] = {**loop.cycle.figures()}
-        figures |= {d.name: f for d in graph.devices if (f := d.figures())}
-        figures["guard"] = {
-            a.name: {"rejected": g.rejections, "limited": g.limitations, "fallback": g.fallbacks, "reseated": g.reseats}
+        metrics: dict[str, Any] = {**loop.cycle.metrics()}
+        metrics |= {d.name: f for d in graph.devices if (f := d.metrics())}
+        metrics["guard"] = {
+            a.name: {
+                "rejected": g.rejections,
+                "limited": g.limitations,
+                "fallback": g.fallbacks,
+                "resynchronised": g.resyncs,
+            }
             | ({"held": g.verified.holds} if g.verified is not None else {})
             for a, g in zip(graph.actuators, loop.cycle.guards, strict=True)
         }
-        return {str(name): _finite(value) for name, value in figures.items()}
+        return {str(name): _finite(value) for name, value in metrics.items()}
 
 
 def _finite(value: Any) -> Any:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from srl.runtime.ipc.header import Origin
 from srl.runtime.ipc.requests import Answer, RequestKind
-from srl.runtime.ipc.words import Origin
 
 EVERY = 1_000_000_000  # ns between two events about refusals
 

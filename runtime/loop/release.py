@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from srl.runtime.contracts.signals import Stop
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.loop.cycle import Cycle, by_itself
 from srl.runtime.loop.device import Device
 
@@ -16,7 +16,7 @@ def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
     """Once a stop has begun, tells such devices so, in each cycle; returns those that were told and are still there."""
     if cycle.machine.state not in _STOPS:
         return []
-    told = []
+    reported = []
     for device in devices:
         if device.active or device.lost:
             continue
@@ -25,5 +25,5 @@ def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
             if category is Stop.LIMP or by_itself(actuator, category):
                 device.stop(category, now)
                 if not device.lost:
-                    told.append(device)
-    return told
+                    reported.append(device)
+    return reported

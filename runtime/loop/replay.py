@@ -23,9 +23,9 @@ from srl.runtime.contracts.errors import ProfileError, RecordingError, WiringErr
 from srl.runtime.contracts.files import Files, decoded
 from srl.runtime.contracts.signals import Limits
 from srl.runtime.ipc import latches
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Origin
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Origin
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
@@ -33,7 +33,7 @@ from srl.runtime.profile.graph import Graph
 _INPUT = ("state", "setpoint", "parameter", "truth")
 _SENT = "sent"  # the row has it after the cycle's writes, so it is an input of the next cycle
 _OUTPUT = ("command", "applied", "internal")
-_DECIDED = [CYCLE.state, CYCLE.cause, CYCLE.culprit, CYCLE.category, CYCLE.flags, CYCLE.latches, CYCLE.refused]
+_DECIDED = [CYCLE.state, CYCLE.cause, CYCLE.fault_source, CYCLE.category, CYCLE.flags, CYCLE.latches, CYCLE.refused]
 _DECIDED += [CYCLE.request, CYCLE.request_kind, CYCLE.request_target, CYCLE.request_result, CYCLE.request_origin]
 _COPIED = [CYCLE.cycle, CYCLE.now, CYCLE.dt, CYCLE.overruns]
 # Answers that the state machine gives; the others are given before a request reaches it, and so are inputs.
@@ -67,7 +67,7 @@ class Comparison:
         largest: the largest absolute difference of any command, in its unit.
         where: (signal, cycle) of this difference.
         signals: largest difference by signal.
-        states_differ: number of rows whose state, cause, culprit, category, flags, latches or request differ.
+        states_differ: number of rows whose state, cause, fault source, category, flags, latches or request differ.
         identical: True if every compared bit is the same.
         warnings: reasons why bits may differ: other versions, another BLAS kernel.
     """
@@ -80,7 +80,7 @@ class Comparison:
     identical: bool = True
     warnings: list[str] = field(default_factory=list)
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """Returns the figures for `--json`."""
         return {
             "cycles": self.cycles,

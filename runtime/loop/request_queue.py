@@ -18,9 +18,9 @@ import numpy as np
 
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.control_socket import LIFETIME
+from srl.runtime.ipc.header import CLIENTS, DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, Request, RequestKind, RequestReader, permitted
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CLIENTS, DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
 from srl.runtime.loop.control_end import ControlEnd, Datagram
 from srl.runtime.loop.rate import TokenBucket
 from srl.runtime.profile.graph import Graph
@@ -271,12 +271,12 @@ class RequestQueue:
             view[...] = np.nan
             self.graph.row.devices[owner, DEVICE.stamp] = -1
 
-    def reply(self, pending: PendingRequest, state: State, cause: Cause, culprit: str, standing: Latch) -> None:
+    def reply(self, pending: PendingRequest, state: State, cause: Cause, fault_source: str, standing: Latch) -> None:
         """Answers a request from a socket. Senders through the ring read the row instead."""
         if pending.end is None or not pending.senders:
             return
         done = pending.answer is Answer.DONE
-        content = {"ok": done, "state": state.name.lower(), "cause": cause.name.lower(), "culprit": culprit}
+        content = {"ok": done, "state": state.name.lower(), "cause": cause.name.lower(), "fault_source": fault_source}
         content["latches"] = latches.names(standing)
         if not done:
             content["error"] = _ANSWERS.get(pending.answer, "refused")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, LINK_STALE
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED, LINK_STALE
 from srl.runtime.loop.rate import TokenBucket
 from srl.runtime.profile.graph import Graph
 

@@ -13,9 +13,9 @@ from typing import Annotated, TypeVar
 from pydantic import Field, FiniteFloat, ValidationError
 
 from srl.runtime.contracts import whole_file
+from srl.runtime.contracts.checksummed import HASH, ChangedError, checksummed, opened
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import SrlError
-from srl.runtime.contracts.sealed import HASH, ChangedError, opened, sealed
 
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Name = Annotated[str, Field(pattern=NAME)]
@@ -55,7 +55,7 @@ def parse(kind: type[M], content: bytes, place: str) -> M:
 def write(path: Path, record: BaseModel) -> None:
     """Writes a file whole or not at all, in place of an older one. Raises RecordError."""
     plain = json.loads(record.model_dump_json())
-    text = json.dumps(sealed(plain), indent=1, ensure_ascii=False) + "\n"
+    text = json.dumps(checksummed(plain), indent=1, ensure_ascii=False) + "\n"
     whole_file.write(path, text.encode(), RecordError)
 
 

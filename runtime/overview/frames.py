@@ -120,7 +120,7 @@ def _item(graph: Graph, name: str, depth: int, parent: str | None, standing: Map
 
 def _fastest(graph: Graph, signal: str) -> float | None:
     """m/s that the runtime believes of a measured frame; None: it isn't watched, or it may jump."""
-    speeds = [sight.speed for sight in graph.sights if sight.pose is graph.row.views[signal]]
+    speeds = [monitored.speed for monitored in graph.monitored_poses if monitored.pose is graph.row.views[signal]]
     return next((speed for speed in speeds if isfinite(speed)), None)
 
 

@@ -17,7 +17,7 @@ from srl.runtime.contracts.terms import FORCE, POINT, TWIST
 from srl.runtime.guard.following import window_of
 from srl.runtime.guard.limits import NAMES
 from srl.runtime.overview.frames import frames, models, parts
-from srl.runtime.profile import beginning
+from srl.runtime.profile import start_mode
 from srl.runtime.profile.connections import Connection, reading, transforms, untaken, writing
 from srl.runtime.profile.following import monitored
 from srl.runtime.profile.graph import Actuator, Graph, Law
@@ -42,8 +42,8 @@ def overview(graph: Graph, limits: Mapping[str, Limits]) -> Item:
         "summary": profile.summary,
         "rate_hz": float(profile.rate),
         "clock": profile.clock,
-        "start": beginning.start(graph),
-        "unseen": beginning.unseen(graph),
+        "start": start_mode.start(graph),
+        "unseen": start_mode.unseen(graph),
         "chosen": dict(graph.source.chosen),
         "simulated": list(graph.simulated),
         "devices": [_device(graph, device) for device in graph.devices],
@@ -55,7 +55,7 @@ def overview(graph: Graph, limits: Mapping[str, Limits]) -> Item:
         "parts": [{"name": name, **part} for name, part in parts(graph).items()],
         "models": models(graph),
         "untaken": untaken(graph),
-        "doubts": list(graph.doubts),
+        "warnings": list(graph.warnings),
         "remarks": list(graph.remarks),
     }
 

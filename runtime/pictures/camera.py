@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.robots import FixedRobots
 from srl.runtime.recording.shapes import Placing
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z). It suits a robot, too.
@@ -44,7 +44,7 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
         if not len(points):
             continue
         low, high = np.minimum(low, points.min(axis=0) - margin), np.maximum(high, points.max(axis=0) + margin)
-    for links in StandingRobots(layout).of(row):
+    for links in FixedRobots(layout).of(row):
         points = links[:, :3, 3]
         if np.isfinite(points).all():
             low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))

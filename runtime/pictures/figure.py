@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Kind
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import Cause, State
 from srl.runtime.profile.plots import Plot, command_plots, indices, profile_plots, split
 from srl.runtime.recording.reader import Recording
 
@@ -133,8 +133,8 @@ def _bands(axis: Any, recording: Recording, t: Times) -> None:
 
 
 def _states(axis: Any, recording: Recording, t: Times) -> None:
-    """Draws the states as a bar, with the cause at each stop's beginning. Faults are red and name the culprit."""
-    states, causes, culprits = (recording.int(word) for word in ("state", "cause", "culprit"))
+    """Draws the states as a bar, with the cause at each stop's beginning. Faults are red and name their source."""
+    states, causes, sources = (recording.int(word) for word in ("state", "cause", "fault_source"))
     span = max(float(t[-1] - t[0]), 1e-6)
     for first, start, end in _runs(states, t):
         axis.axvspan(start, end, color=_color(states[first]), linewidth=0)
@@ -147,7 +147,7 @@ def _states(axis: Any, recording: Recording, t: Times) -> None:
             continue
         text = _name(causes[first], Cause)
         if cause is not None and cause not in NO_FAULT:
-            text = f"{text} {recording.layout.culprit(cause, int(culprits[first]))}".rstrip()
+            text = f"{text} {recording.layout.fault_source(cause, int(sources[first]))}".rstrip()
         late = start > t[0] + 0.7 * span
         color = "#333333" if cause in NO_FAULT else "#a02000"
         axis.annotate(
@@ -201,9 +201,9 @@ def _limits(axis: Any, recording: Recording, plot: Plot) -> None:
 
 def _kind(layout: Layout, command: Field) -> Kind:
     """What a command commands. A recording of an earlier version doesn't say so; there the unit tells."""
-    told = (layout.meta.get("commands") or {}).get(command.name)
-    if told is not None:
-        return Kind(told["kind"])
+    reported = (layout.meta.get("commands") or {}).get(command.name)
+    if reported is not None:
+        return Kind(reported["kind"])
     if "/s" in command.unit:
         return Kind.VELOCITY
     return Kind.TORQUE if "N" in command.unit else Kind.POSITION

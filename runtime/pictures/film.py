@@ -10,7 +10,7 @@ from PIL import Image
 
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.pictures.stills import Scene, legend, rows_at, title
 from srl.runtime.recording.reader import Recording
 

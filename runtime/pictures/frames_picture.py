@@ -76,7 +76,7 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
     same = [[j for j in range(i) if np.linalg.norm(places[i] - places[j]) <= NEAR * span] for i in range(len(triads))]
     lengths = [length * SHORTER ** len(before) for before in same]
     tips = places[:, None] + np.array(lengths)[:, None, None] * np.swapaxes(matrices[:, :3, :3], 1, 2)
-    flat = _eye(places, span)
+    flat = _camera(places, span)
     at, ends, letters = flat(places), flat(tips), flat(places[:, None] + 1.25 * (tips - places[:, None]))
     _fit(axis, np.concatenate([at, letters.reshape(-1, 2)]), size)
     # A measured frame at zero lies on its parent, turned as it: one triad stands for both.
@@ -123,14 +123,14 @@ def _short(name: str) -> str:
     return name if len(name) <= LETTERS else f"{name[: LETTERS - 3]}..."
 
 
-def _eye(places: Array, span: float) -> Any:
+def _camera(places: Array, span: float) -> Any:
     """The parallel projection (..., 3) -> (..., 2) in which the frames are farthest apart."""
     one, other = np.triu_indices(len(places), 1)
     apart = places[one] - places[other]
     apart = apart[np.linalg.norm(apart, axis=1) > NEAR * span]
 
-    def least(eye: tuple[float, float]) -> float:
-        return float(np.linalg.norm(apart @ _plane(*eye), axis=1).min(initial=np.inf))
+    def least(camera: tuple[float, float]) -> float:
+        return float(np.linalg.norm(apart @ _plane(*camera), axis=1).min(initial=np.inf))
 
     plane = _plane(*max(EYES, key=least))
     return lambda points: points @ plane

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from srl.runtime.contracts.errors import RecordingError, nearest
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
+from srl.runtime.pictures.camera import back_of
 from srl.runtime.pictures.chosen import chosen
-from srl.runtime.pictures.eye import back_of
 from srl.runtime.pictures.figure import COLORS
 from srl.runtime.pictures.naming import write_names
 from srl.runtime.recording.reader import Recording

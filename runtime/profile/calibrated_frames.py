@@ -16,7 +16,7 @@ from srl.runtime.profile.source import Source
 
 Records = dict[str, FrameRecord]
 """By frame, what its file says."""
-_ROOM: Final = 20.0  # m, as in `doubts`, which needs this module
+_ROOM: Final = 20.0  # m, as in `warnings`, which needs this module
 _OTHERWISE: Final = "Make it with `srl calibrate PROFILE frames`, or name another"
 
 
@@ -76,7 +76,7 @@ def as_measured(source: Source, records: Records, signals: Mapping[str, Signal])
                 raise WiringError(source.place(f"frames.{name}.calibration"), problem, "Calibrate this frame again")
 
 
-def doubts(source: Source, records: Records, profile: Profile, simulated: Iterable[str]) -> list[str]:
+def warnings(source: Source, records: Records, profile: Profile, simulated: Iterable[str]) -> list[str]:
     """Files that the simulation made, of frames between real devices; places that no room has; unknown devices."""
     made = []
     for name, record in records.items():

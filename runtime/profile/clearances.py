@@ -12,7 +12,7 @@ from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import OptionError, WiringError, nearest
 from srl.runtime.contracts.per_element import in_order
 from srl.runtime.contracts.signals import Command, Kind, Signal
-from srl.runtime.profile import sides
+from srl.runtime.profile import left_right
 from srl.runtime.profile.builder import Builder, form
 from srl.runtime.profile.graph import Cleared, Law
 from srl.runtime.profile.guard_entry import ClearEntry
@@ -49,7 +49,7 @@ def build(b: Builder, devices: Iterable[Driver], laws: list[Law], owners: list[s
             cleared.computed = frozenset(computed)
             margin = Signal(name=MARGIN, shape=(1,), unit="m")
             b.add(f"{name}.{MARGIN}", margin, "internal", "the guard", f"guard.{name}.clear")
-    sides.compare(b, commands, laws, made)
+    left_right.compare(b, commands, laws, made)
     for name, cleared in made.items():
         cleared.clearance.meet([other.clearance for key, other in made.items() if key != name])
     return made
@@ -94,14 +94,14 @@ def _timeout(b: Builder, path: str, entry: ClearEntry, command: Command) -> floa
             problem = "a position ends by itself where it was commanded"
             raise WiringError(b.source.place(f"{path}.timeout"), problem, "Remove `timeout`")
         return None
-    said = [each for each in (command.timeout, entry.timeout) if each is not None]
-    if not said:
+    output = [each for each in (command.timeout, entry.timeout) if each is not None]
+    if not output:
         raise WiringError(
             b.source.place(path),
             "if the loop stalls, a velocity takes the limb on, and this device isn't known to end it by itself",
             "If it does, say after how long: add `timeout:` (s). Else command positions",
         )
-    return max(said)
+    return max(output)
 
 
 def _inputs(b: Builder, clearance: Clearance, entry: ClearEntry, name: str, path: str) -> dict[str, Link]:

@@ -95,7 +95,7 @@ class Law:
 
 
 @dataclass
-class Sight:
+class MonitoredPose:
     """A pose that a law relies on, as its input or as that of a frame.
 
     Attributes:
@@ -126,8 +126,8 @@ class Graph:
     frames: Frames
     simulated: list[str]
     intent: list[bool]  # by device index (setpoint owners included): True if its loss is a loss of intent
-    sights: list[Sight]
-    doubts: list[str]  # what is probably wrong, a line each
+    monitored_poses: list[MonitoredPose]
+    warnings: list[str]  # what is probably wrong, a line each
     remarks: list[str]  # what a person should know of the simulated world and of the buses, a line each
     reads: list[Copy]  # measured values whose order isn't their command's, taken before the guards look at them
 

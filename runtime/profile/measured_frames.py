@@ -10,7 +10,7 @@ from srl.runtime.contracts.frames import FASTEST, IDENTITY, FrameEntry
 from srl.runtime.contracts.terms import PLANAR, POSE
 from srl.runtime.ipc.row import Row
 from srl.runtime.profile.builder import Builder
-from srl.runtime.profile.graph import Law, Sight
+from srl.runtime.profile.graph import Law, MonitoredPose
 
 
 def _measuring(laws: list[Law]) -> set[str]:
@@ -23,7 +23,7 @@ def relied_on(laws: list[Law]) -> set[str]:
     return _measuring(laws) | {name for law in laws for wire in law.inputs.values() for name in wire.far}
 
 
-def sights(b: Builder, laws: list[Law], names: list[str], row: Row) -> list[Sight]:
+def monitored_poses(b: Builder, laws: list[Law], names: list[str], row: Row) -> list[MonitoredPose]:
     """The poses of devices and clients that a law relies on: as an input, or as those of a frame."""
     measuring = _measuring(laws)
     poses = sorted(n for n in relied_on(laws) if b.signals[n].labels in (POSE, PLANAR))
@@ -35,7 +35,7 @@ def sights(b: Builder, laws: list[Law], names: list[str], row: Row) -> list[Sigh
         # A law's own pose is nobody's loss; one that a client sends for a law is a goal, which may be anywhere.
         if owner not in names or (client and name not in measuring):
             continue
-        found.append(Sight(names.index(owner), row.views[name], speeds.get(name, FASTEST), client))
+        found.append(MonitoredPose(names.index(owner), row.views[name], speeds.get(name, FASTEST), client))
     return found
 
 
@@ -96,12 +96,12 @@ def _at_rest(b: Builder, name: str, frame: FrameEntry) -> None:
     if "speed" in frame.model_fields_set:
         place = b.source.place(f"frames.{name}.speed")
         raise WiringError(place, f"'{name}' is fixed, and moves at no speed", "Remove it, or add `pose:`")
-    told = next((n for n, s in b.signals.items() if s.of == name and n.startswith(f"{name}.") and s.labels), None)
+    reported = next((n for n, s in b.signals.items() if s.of == name and n.startswith(f"{name}.") and s.labels), None)
     if (
         name in b.profile.devices
         and frame.parent is not None
-        and told is not None
-        and b.signals[told].labels in (POSE, PLANAR)
+        and reported is not None
+        and b.signals[reported].labels in (POSE, PLANAR)
     ):
-        problem = f"'{name}' moves, and '{told}' says where it is; fixed, it would stay where it began"
-        raise WiringError(b.source.place(f"frames.{name}"), problem, f"Write `pose: {told}`")
+        problem = f"'{name}' moves, and '{reported}' says where it is; fixed, it would stay where it began"
+        raise WiringError(b.source.place(f"frames.{name}"), problem, f"Write `pose: {reported}`")

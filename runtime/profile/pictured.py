@@ -113,13 +113,13 @@ def pictured(
         The robots and the frames that they need beside the profile's, of JSON types; and what is doubted, with its key.
     """
     found: list[dict[str, Any]] = []
-    doubts: list[tuple[str, str]] = []
+    warnings: list[tuple[str, str]] = []
     for device in devices:
         entry = robots.get(device.name)
         signal = _angles(device, signals)
         names = signal[1].labels if signal is not None else ()
         linkage, file = None, None
-        told = device.pictured_as.format_map(vars(device.config)).lower()
+        reported = device.pictured_as.format_map(vars(device.config)).lower()
         on = entry.at if isinstance(entry, RobotNamed | RobotAxes) else ""
         named = RobotNamed(name=entry) if isinstance(entry, str) else entry
         try:
@@ -130,8 +130,8 @@ def pictured(
                 linkage = _described(named.name, models, True, named.side)
             elif isinstance(named, RobotAxes):
                 linkage = chains.chain([chains.Axis(n, a.axis, a.link, a.slides) for n, a in named.axes.items()])
-            elif told:
-                linkage = _described(told, models, False)
+            elif reported:
+                linkage = _described(reported, models, False)
             if linkage is not None and not {link.joint for link in linkage.links if link.joint} <= set(names):
                 linkage = None
                 if isinstance(named, RobotNamed | RobotAxes):
@@ -149,10 +149,12 @@ def pictured(
                         f"{read.lacking[0]}{more}: drawn without meshes", "Correct the URDF, or set ROS_PACKAGE_PATH"
                     )
                 file = {"path": str(kept.path), "packages": [str(p) for p in read.packages]}
-            elif linkage is not None and entry is None and told in _FILES and (whole := _installed(told, names)):
+            elif (
+                linkage is not None and entry is None and reported in _FILES and (whole := _installed(reported, names))
+            ):
                 linkage, file = whole
         except OptionError as error:
-            doubts.append((f"devices.{device.name}.robot", f"{error.problem}. {error.remedy}"))
+            warnings.append((f"devices.{device.name}.robot", f"{error.problem}. {error.remedy}"))
         if linkage is None:
             continue
         found.append({
@@ -162,7 +164,7 @@ def pictured(
             "urdf": file,
             "on": on,
         })  # fmt: skip
-    return _placed(found, frames, signals, doubts)
+    return _placed(found, frames, signals, warnings)
 
 
 def _kept(given: str, files: Files) -> KeptFile:
@@ -223,7 +225,7 @@ def _installed(name: str, names: tuple[str, ...]) -> tuple[Linkage, dict[str, An
 
 def _placed(
     found: list[dict[str, Any]], frames: Mapping[str, FrameEntry], signals: Mapping[str, Signal],
-    doubts: list[tuple[str, str]],
+    warnings: list[tuple[str, str]],
 ) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]], list[tuple[str, str]]]:  # fmt: skip
     """Keeps the robots whose place is known: the link on which one hangs, or a frame's; else, without any frames, what
     it measures, or the root."""
@@ -231,11 +233,11 @@ def _placed(
     for robot in found:
         if robot["on"] and robot["on"] not in links:
             problem = f"no robot that is drawn has a link {robot['on']}"
-            doubts.append((f"devices.{robot['name']}.robot.at", f"{problem}. {nearest(robot['on'], links)}"))
+            warnings.append((f"devices.{robot['name']}.robot.at", f"{problem}. {nearest(robot['on'], links)}"))
     hung = [r for r in found if r["on"] in links and r["on"].partition("/")[0] != r["name"]]
     found = [robot for robot in found if not robot["on"]]
     if frames:
-        return with_a_place([*found, *hung], frames), {}, doubts
+        return with_a_place([*found, *hung], frames), {}, warnings
     made = {}
     for robot in found:
         name = robot["name"]
@@ -244,7 +246,7 @@ def _placed(
             made[name] = FrameEntry(pose=pose).model_dump()
     still = [robot for robot in found if robot["name"] not in made]
     # Two robots at the root would stand in each other.
-    return _carried([r for r in found if r["name"] in made or len(still) == 1], hung), made, doubts
+    return _carried([r for r in found if r["name"] in made or len(still) == 1], hung), made, warnings
 
 
 def with_a_place(robots: list[dict[str, Any]], frames: Container[str]) -> list[dict[str, Any]]:

@@ -49,7 +49,7 @@ PERSON: Final = 150.0  # kg
 _UNIT: Final = re.compile(r"(rad|m|kg)(?![\w/^*]| m\b)(?! (?:and|s)\b)")
 
 
-def doubts(
+def warnings(
     profile: Profile,
     source: Source,
     devices: list[Driver],
@@ -64,9 +64,9 @@ def doubts(
         WiringError: a real device is to move, and a number can't be in its unit.
     """
     units = [
-        doubt
+        warning
         for path, field, value in options(profile, devices, [law.controller for law in laws], world, clearances)
-        for doubt in _of_option(path, field, value)
+        for warning in _of_option(path, field, value)
     ]
     commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
     for name, limits in profile.guard.items():
@@ -98,16 +98,21 @@ def doubts(
         if d.simulated and d.name not in simulated
     ]
     found += _of_bodies(profile, laws)
-    found += robots.doubts(
+    found += robots.warnings(
         profile, devices, options(profile, devices, [law.controller for law in laws], world, clearances)
     )
     found += _of_rows(profile)
     for name, other in shared([device for device in devices if device.name not in simulated]):
         found.append((f"devices.{name}.port", f"{other} is at this port, too, and only one can have it open"))
-    found += [(f"sim.{key}", text) for key, text in (world.doubts if world is not None else ())]
+    found += [(f"sim.{key}", text) for key, text in (world.warnings if world is not None else ())]
     found += _of_worn(profile, laws)
     for i, law in enumerate(laws):
-        found += [(f"controllers.{i}.{key}", text) for key, text in law.controller.doubts(1.0 / float(profile.rate))]
+        old = law.controller.config.old_keys
+        found += [
+            (f"controllers.{i}.{key}", f"it is now called '{new}'; the old name still works")
+            for key, new in old.items()
+        ]
+        found += [(f"controllers.{i}.{key}", text) for key, text in law.controller.warnings(1.0 / float(profile.rate))]
     found += [(f"guard.{name}.clear", text) for name, each in clearances.items() for text in each.unmet]
     for name, frame in profile.frames.items():
         if "/" in (frame.parent or ""):

@@ -29,7 +29,7 @@ from srl.runtime.contracts.files import Files, read_regular
 from srl.runtime.contracts.frames import FrameEntry
 from srl.runtime.contracts.signals import Stop
 from srl.runtime.models.models import KINDS, Model, of_entry
-from srl.runtime.profile import shelf
+from srl.runtime.profile import library
 from srl.runtime.profile.bus import BusConfig
 from srl.runtime.profile.choices import Choices, merge
 from srl.runtime.profile.element import Element
@@ -133,7 +133,7 @@ ModelEntry = Annotated[
 Reaction = Stop | Literal["stop"]  # "stop": each actuator's own category
 
 
-class OverrunLadder(Part):
+class OverrunEscalation(Part):
     """The reactions to overruns: none up to `tolerate` in `window`, then less telemetry, a safe stop at `stop`."""
 
     tolerate: int = Field(5, ge=0)
@@ -152,7 +152,7 @@ class Faults(Part):
     contact: Reaction = "stop"
     following_error: Reaction = Field("stop", alias="following-error")
     bus_loss: Reaction | Literal["ignore"] = Field("ignore", alias="bus-loss")
-    overrun: OverrunLadder = OverrunLadder()
+    overrun: OverrunEscalation = OverrunEscalation()
 
 
 class EmergencyInput(Element):
@@ -246,7 +246,7 @@ def find(name: str) -> tuple[str, str, Path]:
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
             raise ProfileError(name, f"the profile can't be read: {reason}", "Give an existing YAML file") from None
-    known = shelf.files()
+    known = library.files()
     if name not in known:
         if os.path.isfile(f"{name}.yaml"):
             raise ProfileError(name, "no profile has this name", f"Did you mean {name}.yaml, which is here?")

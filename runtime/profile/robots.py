@@ -30,18 +30,18 @@ def remarks(profile: Profile) -> Iterator[tuple[str, str]]:
             yield from ((f"models.{name}", text) for text in model.remarks())
 
 
-def doubts(
+def warnings(
     profile: Profile, devices: list[Driver], options: Iterable[tuple[str, FieldInfo, Any]]
 ) -> Iterator[tuple[str, str]]:
     """Key and text of what is doubted of each. `options`: all of the profile's."""
     named = {name: model.robot for name, model in profile.models.items() if isinstance(model, RobotModel)}
     for name, robot in named.items():
-        yield from ((f"models.{name}", text) for text in robot.doubts)
+        yield from ((f"models.{name}", text) for text in robot.warnings)
     robots = list(named.values())
     for path, _, value in options:
         if isinstance(value, RobotDescription) and all(value is not r for r in (*robots, *ARMS.values())):
             robots.append(value)
-            yield from ((path, text) for text in value.doubts)
+            yield from ((path, text) for text in value.warnings)
     for device in devices:
         for command in device.commands:
             own = next((r for r in robots if set(r.labels) == set(command.labels)), None)

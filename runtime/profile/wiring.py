@@ -25,11 +25,11 @@ from srl.runtime.ipc.stop_slots import SLOTS
 from srl.runtime.profile import buses, calibrated_frames, clearances, controllers, keys, measured_frames, switches
 from srl.runtime.profile.builder import Builder
 from srl.runtime.profile.declared import check_command, check_range
-from srl.runtime.profile.doubts import doubts
 from srl.runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
 from srl.runtime.profile.meta import describe
 from srl.runtime.profile.names import Link, link
 from srl.runtime.profile.pictured import pictured, with_a_place
+from srl.runtime.profile.plausibility import warnings
 from srl.runtime.profile.profile import SPANS, Profile
 from srl.runtime.profile.robots import remarks as robot_remarks
 from srl.runtime.profile.source import Source
@@ -89,11 +89,11 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     graph = Graph(
         b.profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads, cleared), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
-        measured_frames.sights(b, laws, names, row),
-        doubts(profile, source, devices, laws, world, b.simulated,
+        measured_frames.monitored_poses(b, laws, names, row),
+        warnings(profile, source, devices, laws, world, b.simulated,
                {name: each.clearance for name, each in cleared.items()})
         + [f"{b.source.place(place)}: {text}" for place, text in unpictured]
-        + calibrated_frames.doubts(source, b.calibrated, b.profile, b.simulated),
+        + calibrated_frames.warnings(source, b.calibrated, b.profile, b.simulated),
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())]
         + carried
         + [f"{b.source.place(place)}: {text}" for place, text in robot_remarks(profile)],

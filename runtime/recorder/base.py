@@ -23,7 +23,7 @@ from srl.runtime.recording.summary import persons
 
 RETRY = 0.5  # s between attempts to write to a full disk
 LOOK = 60.0  # s between looks at what the folder needn't keep
-PATIENCE = 10.0  # s after the run's end during which the recorder waits for room on a full disk
+TIMEOUT = 10.0  # s after the run's end during which the recorder waits for room on a full disk
 
 WELL, INCOMPLETE = 0, 1  # exit codes, beside FINAL
 
@@ -56,7 +56,7 @@ class BaseRecorder(ABC):
         meta = self._layout.meta
         self._keep, self._mine = Keep.of((meta.get("record") or {}).get("keep")), persons(self._layout)
         self._looked, self._full = time.monotonic(), ""  # what starts a run has just looked
-        self._said: list[str] = []  # in the last look
+        self._reported: list[str] = []  # in the last look
 
     @abstractmethod
     def run(self) -> int:
@@ -89,13 +89,13 @@ class BaseRecorder(ABC):
         """Now and then deletes what the folder needn't keep."""
         if time.monotonic() - self._looked > LOOK:
             self._looked = time.monotonic()
-            said: list[str] = []
-            full = make_room(self._folder.absolute().parent, self._keep, self._mine, said.append)
+            output: list[str] = []
+            full = make_room(self._folder.absolute().parent, self._keep, self._mine, output.append)
             if full and not self._full:
-                said.append(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
+                output.append(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
             self._full = full
-            self._note([text for text in said if text not in self._said])  # not each minute that nothing can go
-            self._said = said
+            self._note([text for text in output if text not in self._reported])  # not each minute that nothing can go
+            self._reported = output
 
     def _note(self, texts: list[str]) -> None:
         """Says what happens to recordings, and has it written among the run's events, which take few at once."""
@@ -147,7 +147,7 @@ class BaseRecorder(ABC):
                 return True
             if self._tail.over:
                 over_since = over_since or time.monotonic()
-                if time.monotonic() - over_since > PATIENCE:
+                if time.monotonic() - over_since > TIMEOUT:
                     return False
             time.sleep(RETRY)
 

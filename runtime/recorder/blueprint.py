@@ -6,12 +6,12 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.pictures.eye import look
+from srl.runtime.pictures.camera import look
 from srl.runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots
 from srl.runtime.recorder.scene import plot_path
 from srl.runtime.recording.columns import entity
 from srl.runtime.recording.format import EVENTS
-from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.robots import FixedRobots
 from srl.runtime.recording.shapes import visuals
 
 NAMED, FEW = 5, 3  # curves in one view that its legend names, and in a low one
@@ -46,7 +46,7 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
         columns=rrb.TextLogColumns(timeline_columns=["time"], text_log_columns=["LogLevel", "Body"]),
     )
     left = [events]
-    standing = StandingRobots(layout)
+    standing = FixedRobots(layout)
     shapes, drawn = visuals(layout), standing.robots
     if shapes or drawn:
         # Where a robot is drawn whole, the simulated world's lines of it would only hide it.

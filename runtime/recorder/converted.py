@@ -74,13 +74,13 @@ def _convert(source: Source, target: Path) -> tuple[int, list[str]]:
 
 
 def _left_out(source: Source, last: int, missing: int) -> list[str]:
-    said = []
+    output = []
     if source.cut or source.damaged:
-        said.append(f"{source.cut} bytes of the segments are damaged, and {source.damaged} blocks of rows")
+        output.append(f"{source.cut} bytes of the segments are damaged, and {source.damaged} blocks of rows")
     if missing:
-        said.append(f"{missing} rows are missing")
+        output.append(f"{missing} rows are missing")
     if source.last is not None and source.last > last:
-        said.append(f"its last {source.last - last} rows are missing")
+        output.append(f"its last {source.last - last} rows are missing")
     if source.files[-1].suffix == ENDING and not ended(source.files):
-        said.append("its recorder didn't finish it: more rows may have been made")
-    return said
+        output.append("its recorder didn't finish it: more rows may have been made")
+    return output

@@ -19,8 +19,8 @@ from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.frames import as_pose
 from srl.runtime.contracts.linkage import Solid
 from srl.runtime.contracts.rotation import homogeneous
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Words
-from srl.runtime.ipc.words import Cause, State
 from srl.runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots, series_names
 from srl.runtime.recorder.capsules import capsule_columns, capsule_look
 from srl.runtime.recorder.robots import ROOT, Moves, RobotShapes

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import CYCLE, DEVICE
 from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.ipc.words import CYCLE, DEVICE
 
 ROW = "row"
 DRAWN = 10.0  # Hz of the loop's clock at which a file's columns show the rows; the rows themselves are in its blocks

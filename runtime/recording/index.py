@@ -35,7 +35,7 @@ _MARKS: Final = {
     **{".parquet": b"srl.layout", ".mcap": b"srl-runtime", ".c3d": b"SHA256"},
 }
 _ENDS: Final = 16 << 20  # bytes of a file's beginning and end, in which its mark is
-_PATIENCE: Final = 5.0  # s that another program may hold the index
+_TIMEOUT: Final = 5.0  # s that another program may hold the index
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def _open(path: Path, rebuild: bool, report: Callable[[str], None]) -> sqlite3.C
             if rebuild or attempt:
                 path.unlink(missing_ok=True)
             os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))  # it has persons' ids
-            connection = sqlite3.connect(path, timeout=_PATIENCE)
+            connection = sqlite3.connect(path, timeout=_TIMEOUT)
             connection.execute("PRAGMA secure_delete = ON")  # a person's ids go with the recordings
             if connection.execute("PRAGMA user_version").fetchone()[0] != VERSION:
                 connection.execute("DROP TABLE IF EXISTS recordings")

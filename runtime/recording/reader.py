@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.field import Field
 from srl.runtime.ipc.events import Event, EventReader
+from srl.runtime.ipc.header import LINK_CONNECTED
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.ring import RingReader
-from srl.runtime.ipc.words import LINK_CONNECTED
 from srl.runtime.recording.segments import folder_of, listed
 from srl.runtime.recording.source import Source, gaps
 

@@ -57,7 +57,7 @@ class Robot:
         return self.linkage.placed(field.labels, layout.value(row, self.angles))
 
 
-class StandingRobots:
+class FixedRobots:
     """Where the robots of one layout are.
 
     Attributes:

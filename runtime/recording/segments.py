@@ -91,7 +91,7 @@ class Segments:
         self._file: int | None = None
         self._unmerged: dict[Path, int] = {}  # the descriptors of closed ones
         self._size = self._weight = 0
-        self._begun, self._seconds = 0.0, FIRST
+        self._started, self._seconds = 0.0, FIRST
 
     def write(self, data: bytes, weight: int = 0) -> None:
         """Appends whole messages. When it returns, they have left this process.
@@ -103,7 +103,7 @@ class Segments:
             OSError: the write failed; earlier data is unharmed.
         """
         self._keep_all()
-        if self._file is not None and (self._weight >= BYTES or time.monotonic() - self._begun >= self._seconds):
+        if self._file is not None and (self._weight >= BYTES or time.monotonic() - self._started >= self._seconds):
             self._seconds = SECONDS
             self._end()
         if self._file is None:
@@ -155,7 +155,7 @@ class Segments:
         self._number = max([self._number, *(int(file.stem) for file in listed(self.folder))]) + 1
         self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
         self._size = self._weight = 0
-        self._begun = time.monotonic()
+        self._started = time.monotonic()
         try:
             self._append(self._prologue)
         except OSError:

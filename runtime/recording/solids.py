@@ -15,7 +15,7 @@ from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.recording.link_capsules import link_capsules
-from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.robots import FixedRobots
 from srl.runtime.recording.shapes import JOINTED, Placing, color_numbers, visuals
 
 THICK: Final = {"points": (0.004, 0.0025), "skeleton": (0.009, 0.006), "robot": (0.03, 0.02)}  # m, radii: point, link
@@ -57,7 +57,7 @@ class Solids:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self._standing = StandingRobots(layout)
+        self._standing = FixedRobots(layout)
         self._fields = [field for field in visuals(layout) if field.name not in self._standing.hidden]
         self._placing = Placing(layout)
         numbers = color_numbers(self._fields)

@@ -16,11 +16,11 @@ import numpy as np
 from ruamel.yaml.error import YAMLError
 
 from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts.calibration_content import parse
 from srl.runtime.contracts.errors import RecordingError, SrlError
-from srl.runtime.contracts.file_says import file_says
 from srl.runtime.contracts.files import decoded
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.ipc.words import Cause, State
 from srl.runtime.recording.reader import read
 from srl.runtime.recording.segments import folder_of, listed
 from srl.runtime.recording.source import Source
@@ -124,10 +124,10 @@ def persons(layout: Layout) -> tuple[str, ...]:
 
 def owner(content: bytes) -> tuple[str, bool]:
     """Whose a calibration file is, and whether it was made in simulation; "" where it doesn't say."""
-    said = file_says(content)
-    if not isinstance(said.get("person"), str):
+    output = parse(content)
+    if not isinstance(output.get("person"), str):
         return "", False
-    return said["person"], said.get("simulated") is True
+    return output["person"], output.get("simulated") is True
 
 
 def _summary(path: Path) -> Summary:
@@ -199,7 +199,7 @@ class _Sum:
         """Takes rows (k, width) with their sequence numbers (k,)."""
         if not len(rows):
             return
-        now, states, causes, culprits = (self._layout.word(rows, w) for w in ("now", "state", "cause", "culprit"))
+        now, states, causes, sources = (self._layout.word(rows, w) for w in ("now", "state", "cause", "fault_source"))
         self._first = self._first if self.rows else int(now[0])
         self._last = int(now[-1])
         self._missing += int(sequence[-1]) - self._sequence - len(sequence)
@@ -207,10 +207,10 @@ class _Sum:
         before = np.append(self._state, states[:-1])
         ends = np.flatnonzero(np.isin(before, _MOVING) & ~np.isin(states, _MOVING))
         if len(ends):
-            self._stop = int(causes[ends[-1]]), int(culprits[ends[-1]])
+            self._stop = int(causes[ends[-1]]), int(sources[ends[-1]])
         elif self._stop is None and causes.any():  # it never moved: why it doesn't
             at = np.flatnonzero(causes)[-1]
-            self._stop = int(causes[at]), int(culprits[at])
+            self._stop = int(causes[at]), int(sources[at])
         self._state = int(states[-1])
         self.rows += len(rows)
 
@@ -231,12 +231,12 @@ class _Sum:
         if not problem and self._missing:
             problem = f"{self._missing} rows are missing"
             remedy = "It can be read and exported, but not replayed: the disk or the recorder was too slow"
-        number, culprit = self._stop or (0, -1)
+        number, fault_source = self._stop or (0, -1)
         cause = next((c for c in Cause if c == number), None)
         text = "" if number == 0 else str(number) if cause is None else cause.name.lower().replace("_", " ")
         if cause is not None and cause not in NO_FAULT:
             try:
-                text = f"{text} {self._layout.culprit(cause, culprit)}".rstrip()
+                text = f"{text} {self._layout.fault_source(cause, fault_source)}".rstrip()
             except (KeyError, IndexError):
                 pass  # a layout of an earlier version doesn't name it
         return Summary(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from srl.runtime.ipc.stop_slots import StopSlots
 
-PATIENCE = 0.2  # s in which the actuators must have taken their frames
+TIMEOUT = 0.2  # s in which the actuators must have taken their frames
 
 
 @dataclass
@@ -53,12 +53,12 @@ class Actuators:
         same stop. What went wrong is reported at the end, once for each actuator; the second frame of one that has
         taken the first may be refused.
         """
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         failures: dict[int, str] = {}
         rest = {slot: self._slots.read(slot) for slot in self._held if not self._old(slot)}
         while rest := self._give(rest, failures):
             if (left := deadline - time.monotonic()) <= 0:
-                failures |= dict.fromkeys(rest, f"it took no bytes for {PATIENCE:g} s")
+                failures |= dict.fromkeys(rest, f"it took no bytes for {TIMEOUT:g} s")
                 break
             poll = select.poll()  # not `select`: a descriptor may be above 1023
             for slot in rest:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from srl.runtime.profile import beginning
+from srl.runtime.profile import start_mode
 from srl.runtime.profile.graph import Graph
 
 
@@ -11,12 +11,12 @@ def automatic(graph: Graph, confirmed: bool) -> tuple[bool, str]:
 
     `confirmed`: a person has said that devices without feedback stand where the profile says, with nothing in the way.
     """
-    if beginning.start(graph) == "manual":
+    if start_mode.start(graph) == "manual":
         return False, "ready; `srl start` lets the limb move"
-    blind = beginning.unseen(graph)
-    if not blind or confirmed:
+    unmeasured = start_mode.unseen(graph)
+    if not unmeasured or confirmed:
         return True, ""
-    names = ", ".join(blind)
+    names = ", ".join(unmeasured)
     return False, (
         f"{names} has no position feedback: put the limb near its home, clear of people and things, then `srl start` "
         "(or run with --confirm)"

@@ -60,15 +60,15 @@ class Helper:
         self.restarts += 1
         self.not_before = now + BACKOFF[min(len(self.deaths), len(BACKOFF) - 1)]
 
-    def finish(self, run_folder: RunFolder, begun: float) -> bool:
+    def finish(self, run_folder: RunFolder, started: float) -> bool:
         """Waits until it ends by itself. One that `keeps` and died at the very end is restarted to save its rows.
 
         Args:
-            begun: when all helpers began to finish, CLOCK_MONOTONIC s. FINISH or CLOSING later it is told to end.
+            started: when all helpers began to finish, CLOCK_MONOTONIC s. FINISH or CLOSING later it is told to end.
         Returns:
             Whether it has finished its work.
         """
-        attempts, deadline = ATTEMPTS, begun + (FINISH if self.keeps else CLOSING)
+        attempts, deadline = ATTEMPTS, started + (FINISH if self.keeps else CLOSING)
         while time.monotonic() < deadline and attempts:
             if self.process is None and not self.keeps:
                 return True

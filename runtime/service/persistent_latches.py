@@ -14,8 +14,8 @@ from pathlib import Path
 
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.ipc import latches
+from srl.runtime.ipc.header import CYCLE, Latch
 from srl.runtime.ipc.ring import RingReader
-from srl.runtime.ipc.words import CYCLE, Latch
 
 _NAME = "latches.json"
 _OLD = "running"  # the mark of srl 0.1.0: a run that didn't end well
@@ -41,7 +41,7 @@ def read(state: Path, report: Callable[[str], None]) -> Latch:
     return found | Latch.RESTART if old else found
 
 
-class Standing:
+class PersistentLatches:
     """One run's view of the file; see the module's docstring.
 
     Attributes:

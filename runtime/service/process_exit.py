@@ -14,7 +14,7 @@ _STATE, _FLAGS, _PENDING = 0, 6, 28  # proc(5), /proc/PID/stat: fields 3, 9 and 
 _KILLED = 1 << (signal.SIGKILL - 1)
 
 
-class Dying:
+class ProcessExit:
     """Looks at one process; see the module's docstring. Nothing is opened later."""
 
     def __init__(self, pid: int) -> None:

@@ -105,9 +105,9 @@ def usb_numbers() -> dict[str, tuple[str, tuple[str, ...]]]:
     found = {}
     for name in registry.names("drivers"):
         with contextlib.suppress(SrlError):
-            said = registry.describe("drivers", name, ("summary", "usb"))
-            if said["usb"]:
-                found[name] = (said["summary"], said["usb"])
+            output = registry.describe("drivers", name, ("summary", "usb"))
+            if output["usb"]:
+                found[name] = (output["summary"], output["usb"])
     return found
 
 

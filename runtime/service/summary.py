@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.runtime.ipc import latches
+from srl.runtime.ipc.header import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.ring import RingReader
-from srl.runtime.ipc.words import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
 
 WELL = (Cause.NONE, Cause.REQUEST, Cause.END, Cause.RESTART)  # causes of a stop in which a run may end well
 PHASES = ("read", "control", "guard", "write", "log")
@@ -39,7 +39,7 @@ class Histogram:
         bin_ = int(np.searchsorted(np.cumsum(self._counts), share * total))
         return min(float(_EDGES[min(bin_, _EDGES.size - 1)]), self._most)
 
-    def figures(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         """p50, p99, p999, max in us."""
         shares = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
         return {n: round(self.percentile(s) / 1e3, 2) for n, s in shares.items()} | {"max": round(self._most / 1e3, 2)}
@@ -79,7 +79,7 @@ class Summary:
             bad = np.flatnonzero((get["cause"] > Cause.REQUEST) & (get["cause"] != Cause.END))
             if bad.size:
                 last = rows[bad[-1]]
-                self.faulted = Cause(int(last[self.index["cause"]])), int(last[self.index["culprit"]])
+                self.faulted = Cause(int(last[self.index["cause"]])), int(last[self.index["fault_source"]])
             self.row = rows[-1]
         self.cycles = self.ring.sequence
 
@@ -117,7 +117,7 @@ class Summary:
             }
         return found
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """The summary object, without the data that only the supervisor has."""
         duration, wall = self.seconds()
         cause = Cause(self.word("cause"))
@@ -125,7 +125,7 @@ class Summary:
             "profile": self.layout.meta["name"],
             "state": self.state.name.lower(),
             "cause": cause.name.lower(),
-            "culprit": self.layout.culprit(cause, self.word("culprit")),
+            "fault_source": self.layout.fault_source(cause, self.word("fault_source")),
             "latches": latches.names(self.word("latches")),
             "refused": self.word("refused"),
             "cycles": self.cycles,
@@ -133,10 +133,10 @@ class Summary:
             "duration_s": round(duration, 4),
             "overruns": self.word("overruns"),
             "degraded_cycles": self.degraded,
-            "period_us": self.period.figures(),
-            "cycle_us": self.cycle.figures(),
-            "phases_us": {phase: h.figures()["p50"] for phase, h in self.phases.items()},
-            "phases_p99_us": {phase: h.figures()["p99"] for phase, h in self.phases.items()},
+            "period_us": self.period.metrics(),
+            "cycle_us": self.cycle.metrics(),
+            "phases_us": {phase: h.metrics()["p50"] for phase, h in self.phases.items()},
+            "phases_p99_us": {phase: h.metrics()["p99"] for phase, h in self.phases.items()},
             "devices": self.devices(),
             "realtime_factor": round(duration / wall, 2) if wall > 0 else None,
         }

@@ -35,10 +35,10 @@ from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.ipc.stop_slots import StopSlots
 from srl.runtime.loop import realtime
-from srl.runtime.service import evidence
+from srl.runtime.service import crash_dump
 from srl.runtime.service.actuators import Actuators
-from srl.runtime.service.dying import Dying
 from srl.runtime.service.helpers import Helper, spawn
+from srl.runtime.service.process_exit import ProcessExit
 
 POLL = 0.005  # s between two checks of the loop's sign of life
 HUNG = 100_000_000  # ns without a sign of life, plus two periods, after which the loop counts as hung
@@ -64,7 +64,7 @@ class Supervisor:
         rows, events, layout: the run's rows, events and their layout, once the loop runs; None before.
         death: how the loop died, if it did.
         error: an error that the user can correct, if the loop could not start.
-        figures: the own figures of controllers, devices and guard.
+        metrics: the own figures of controllers, devices and guard.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Supervisor:
         self.running = False
         self.death: Death | None = None
         self.error: SrlError | None = None
-        self.figures: dict[str, Any] = {}
+        self.metrics: dict[str, Any] = {}
         self.rows: RingReader | None = None
         self.events: EventReader | None = None
         self.layout: Layout | None = None
@@ -90,7 +90,7 @@ class Supervisor:
     def start(self) -> None:
         """Starts the loop. The helpers follow once it runs. Raises SrlError."""
         run_folder = self.run_folder
-        evidence.rescue(run_folder, self.state, self.report)
+        crash_dump.rescue(run_folder, self.state, self.report)
         try:
             for path in (*run_folder.evidence, run_folder.result):
                 path.unlink(missing_ok=True)
@@ -106,7 +106,7 @@ class Supervisor:
         end = theirs.fileno()
         command = [sys.executable, "-m", "srl.runtime.loop", str(run_folder.path), str(end)]
         self.loop = spawn(command, run_folder, end)
-        self._dying = Dying(self.loop.pid)
+        self._exit = ProcessExit(self.loop.pid)
         theirs.close()
 
     def end(self) -> None:
@@ -122,7 +122,7 @@ class Supervisor:
             self._loop_ended()
             return False
         if self.running and self.rows is not None:
-            if not self.rows.closed and self._dying.seen():
+            if not self.rows.closed and self._exit.seen():
                 self._loop_died("the loop's process ended")
                 return False
             silent = time.monotonic_ns() - self.rows.beat
@@ -211,7 +211,7 @@ class Supervisor:
             self.loop.kill()  # it said why it can't run and hangs
         self._notifier.stopping()
         self._actuators.close()
-        self._read_figures()
+        self._read_metrics()
         self.running = False
 
     def _loop_died(self, how: str) -> None:
@@ -222,7 +222,7 @@ class Supervisor:
         It ends at ordinary priority: freeing its locked memory takes long, and would take this processor meanwhile.
         """
         assert self.loop is not None
-        begun = time.monotonic_ns()
+        started = time.monotonic_ns()
         if self.loop.returncode is None:  # not reaped, so the number is still its own
             with contextlib.suppress(OSError):
                 realtime.leave(self.loop.pid)
@@ -238,7 +238,7 @@ class Supervisor:
         if code is None:
             self.report(f"the killed loop is still there after {REAP:g} s: a device may hold it. Use the hardware stop")
         # Counted from the last complete cycle, as the person wearing the limb sees it.
-        since = self.rows.beat if self.rows is not None and self.rows.beat else begun
+        since = self.rows.beat if self.rows is not None and self.rows.beat else started
         self.running = False
         self.death = Death(how + _by(code), (stopped - since) / 1e6, self._save_black_box())
 
@@ -262,17 +262,17 @@ class Supervisor:
             self.run_folder.launch.name: self.launch.content,
         }
         try:
-            return evidence.save(self.state, contents)
+            return crash_dump.save(self.state, contents)
         except OSError as error:
             where = self.run_folder.path
             self.report(f"the black box can't be saved in {self.state}: {error.strerror}; the rows stay in {where}")
             return None
 
-    def _read_figures(self) -> None:
+    def _read_metrics(self) -> None:
         if not self.run_folder.result.exists():
             return
         try:
-            self.figures = json.loads(private_file.read_text(self.run_folder.result))
+            self.metrics = json.loads(private_file.read_text(self.run_folder.result))
         except (SrlError, ValueError) as error:
             self.report(f"the run's own figures can't be read: {error}")
 
@@ -334,7 +334,7 @@ class Supervisor:
             now = time.monotonic()
             failed = [h.name for h in self.helpers if not h.finish(self.run_folder, now)]
         self._actuators.close()
-        self._dying.close()
+        self._exit.close()
         self._free_spare()
         return failed
 

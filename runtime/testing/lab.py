@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import RequestKind
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import wiring
 from srl.runtime.profile.plots import element_names, pick, split
@@ -116,11 +116,11 @@ class Lab:
             AssertionError: it wasn't so in this time. The text says what is there instead.
             RequestError: there is no such state or signal.
         """
-        holds, said = self._condition(what, above, below)
+        holds, output = self._condition(what, above, below)
         end = self.cycles + self._cycles_of(most)
         while not holds():
             if self.cycles >= end:
-                raise AssertionError(f"not in {most:g} s: {said()}. {self.situation()}")
+                raise AssertionError(f"not in {most:g} s: {output()}. {self.situation()}")
             self.step()
 
     def _cycles_of(self, seconds: float) -> int:
@@ -234,9 +234,9 @@ class Lab:
         return Cause(self._word("cause")).name.lower()
 
     @property
-    def culprit(self) -> str:
+    def fault_source(self) -> str:
         """The device, law or emergency input that it stopped for; "" for none."""
-        return self.layout.culprit(Cause(self._word("cause")), self._word("culprit"))
+        return self.layout.fault_source(Cause(self._word("cause")), self._word("fault_source"))
 
     def connected(self, device: str) -> bool:
         """Whether its link was up in the newest cycle. Raises RequestError: there is no such device."""
@@ -310,10 +310,12 @@ class Lab:
 
     def situation(self) -> str:
         """What the run is doing, in a sentence or two, for messages."""
-        why = f" ({self.cause}{f' of {self.culprit}' if self.culprit else ''})" if self.cause != "none" else ""
+        why = (
+            f" ({self.cause}{f' of {self.fault_source}' if self.fault_source else ''})" if self.cause != "none" else ""
+        )
         faults = "".join(f", {name} is {f.kind}" for name, f in self._faults.items() if f.kind)
-        said = f" Newest event: {self.events[-1].strip().splitlines()[-1]}" if self.events else ""
-        return f"After {self.time:g} s: state {self.state}{why}{faults}.{said}"
+        output = f" Newest event: {self.events[-1].strip().splitlines()[-1]}" if self.events else ""
+        return f"After {self.time:g} s: state {self.state}{why}{faults}.{output}"
 
     def _words(self, signal: str, which: NDArray[np.bool_] | None = None) -> str:
         values = np.atleast_1d(self[signal]).ravel()

@@ -17,14 +17,14 @@ def srl_run() -> Iterator[Callable[..., Lab]]:
 
     What was begun in a test is closed at its end.
     """
-    begun: list[Lab] = []
+    started: list[Lab] = []
 
     def begin(given: object, *overrides: str) -> Lab:
         from srl.runtime.testing.lab import Lab
 
-        begun.append(Lab(given, overrides))  # type: ignore[arg-type]
-        return begun[-1]
+        started.append(Lab(given, overrides))  # type: ignore[arg-type]
+        return started[-1]
 
     yield begin
-    for lab in begun:
+    for lab in started:
         lab.close()

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import State
 from srl.runtime.testing.given import Given
 from srl.runtime.testing.lab import Lab
 

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from pydantic import ConfigDict, Field
+from typing import ClassVar
 
-from srl.runtime.contracts.entry import BaseModel
+from pydantic import Field
+
 from srl.runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.human_hand import RANGES
+from srl.sim.wearer.instructed import InstructedWearer
 from srl.sim.wearer.motion import Wearer
 from srl.sim.wearer.recording import load_wearer
 from srl.sim.wearer.scripted import ScriptedWearer
-from srl.sim.wearer.told import ToldWearer
 
-__all__ = ["ScriptedWearer", "ToldWearer", "Wearer", "WearerConfig", "load_wearer", "make_wearer"]
+__all__ = ["InstructedWearer", "ScriptedWearer", "Wearer", "WearerConfig", "load_wearer", "make_wearer"]
 
 
-class WearerConfig(BaseModel):
+class WearerConfig(Options):
     """Who wears the hand: a recording, or a script that closes and opens it."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    renamed: ClassVar[dict[str, str]] = {"told": "instructed"}
 
     recording: ProfilePath | None = Field(
         default=None, description="file or folder (docs/simulation.md); null: the script"
@@ -27,9 +29,11 @@ class WearerConfig(BaseModel):
     episode: int | None = Field(default=None, ge=0, description="one episode of a recording that has several")
     speed: float = Field(default=1.0, gt=0, le=10, description="1 is the person's own pace")
     loop: bool = Field(default=False, description="start again at the end instead of standing still")
-    told: bool = Field(default=False, description="does what a calibration says, instead of a script or a recording")
+    instructed: bool = Field(
+        default=False, description="does what a calibration says, instead of a script or a recording"
+    )
     miss: float = Field(
-        default=0.0, ge=0, le=0.5, description="rad, standard deviation by which a joint misses what it is told; ours"
+        default=0.0, ge=0, le=0.5, description="rad, standard deviation by which a joint misses what it is to do; ours"
     )
     period: float = Field(default=4.0, ge=1.0, description="s, the script's time from one grasp to the next")
 
@@ -40,8 +44,8 @@ def make_wearer(config: WearerConfig, seed: int, ranges: Array = RANGES) -> Wear
     Raises:
         RecordingError: the recording can't be read, or doesn't fit into the ranges.
     """
-    if config.told:
-        return ToldWearer(seed, ranges=ranges, miss=config.miss)
+    if config.instructed:
+        return InstructedWearer(seed, ranges=ranges, miss=config.miss)
     if config.recording is None:
         return ScriptedWearer(seed, ranges=ranges, period=config.period, speed=config.speed)
     return load_wearer(config.recording, ranges=ranges, episode=config.episode, speed=config.speed, loop=config.loop)

@@ -17,7 +17,7 @@ from srl.sim.wearer.motion import quintic
 SECONDS: Final = 0.8  # that a hand takes from one shape to the next; ours
 
 
-class ToldWearer:
+class InstructedWearer:
     """Moves from shape to shape with minimum jerk and holds each, a little off, as hands are.
 
     It begins flat. The same instructions at the same times give the same bits.
@@ -34,7 +34,7 @@ class ToldWearer:
         """
         self._seed, self._ranges, self._miss = seed, ranges, miss
         self._from = self._to = self._clipped(np.zeros(20))
-        self._since, self._now, self._told = -SECONDS, 0.0, 0
+        self._since, self._now, self._instructed = -SECONDS, 0.0, 0
 
     def target(self, t: float) -> Array:
         self._now = t
@@ -56,8 +56,8 @@ class ToldWearer:
         goal = to_model(names, np.array([[instruction.angles.get(name, 0.0) for name in names]]))
         assert goal is not None
         self._from, self._since = self.target(self._now), self._now
-        self._told += 1
-        off = np.random.default_rng((self._seed, self._told)).normal(0.0, 1.0, 20)
+        self._instructed += 1
+        off = np.random.default_rng((self._seed, self._instructed)).normal(0.0, 1.0, 20)
         self._to = self._clipped(goal[0] + self._miss * off)
 
     def see(self, pointers: Sequence[float]) -> None:
@@ -65,12 +65,12 @@ class ToldWearer:
 
     def save(self) -> Array:
         """What `restore` takes."""
-        return np.array([*self._from, *self._to, self._since, self._now, self._told])
+        return np.array([*self._from, *self._to, self._since, self._now, self._instructed])
 
     def restore(self, state: Array) -> None:
         """Goes on as it was when it was saved."""
         self._from, self._to = state[:20].copy(), state[20:40].copy()
-        self._since, self._now, self._told = float(state[40]), float(state[41]), int(state[42])
+        self._since, self._now, self._instructed = float(state[40]), float(state[41]), int(state[42])
 
     def _clipped(self, angles: Array) -> Array:
         found: Array = np.clip(angles, *self._ranges.T)

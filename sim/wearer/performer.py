@@ -25,7 +25,7 @@ _FADE: Final = 0.3  # s, in which what is repeated sets in
 
 
 @dataclass(frozen=True)
-class _Told:
+class _Instructed:
     """From `since` s on, the person goes from `before` (59, 3) degrees to `after`, and repeats `again` there."""
 
     since: float
@@ -57,70 +57,76 @@ class Performer:
         still = np.array([[0.0 if is_finger(name) else 1.0] for name in skeleton.names])
         self._sway = amplitude * still
         self._quaternions = EulerQuaternions("YXZ", JOINTS)
-        self._told = [_Told(-np.inf, Rest(), self._ease, self._ease, np.zeros((JOINTS, 3)), 0.0, 0.0, who.reaction)]
+        self._instructed = [
+            _Instructed(-np.inf, Rest(), self._ease, self._ease, np.zeros((JOINTS, 3)), 0.0, 0.0, who.reaction)
+        ]
 
     def instruct(self, t: float, given: Instruction) -> None:
         """From t s on does this: Rest, Walk, Return or Perform. Raises ValueError: it can't, or it is early."""
         if not isinstance(given, Rest | Walk | Return | Perform):
             raise ValueError(f"a whole body isn't told to {type(given).__name__}: Rest, Walk, Return or Perform")
-        if t < self._told[-1].since:
+        if t < self._instructed[-1].since:
             raise ValueError("instructions come in the order of time")
         after, again = self._ease, np.zeros((JOINTS, 3))
         if isinstance(given, Perform):
             pose = beyond_ease(given.action, self._index)
-            after = self._ease + self.subject.style(given.action, pose, len(self._told))
+            after = self._ease + self.subject.style(given.action, pose, len(self._instructed))
             again = waving(given.action, self._index)
-        last = self._told[-1]
+        last = self._instructed[-1]
         distance, gain = self._gait(last, t)
         late = self._lap_ends(distance, gain) if isinstance(given, Return) else self.subject.reaction
-        self._told.append(_Told(t, given, self._posture(last, t), after, again, distance, gain, late))
+        self._instructed.append(_Instructed(t, given, self._posture(last, t), after, again, distance, gain, late))
 
     def forget(self, count: int) -> None:
         """Takes back all instructions but the first `count`."""
-        del self._told[1 + count :]
+        del self._instructed[1 + count :]
 
     @property
     def count(self) -> int:
         """Number of instructions so far."""
-        return len(self._told) - 1
+        return len(self._instructed) - 1
 
     def there(self, t: float) -> bool:
         """Whether at t s the person has come where the last instruction leads."""
-        who, told = self.subject, self._told[-1]
-        takes = _START if isinstance(told.given, Walk) or told.gain > 0.0 else who.move + float(who.stagger.max())
-        return t >= told.since + told.late + takes
+        who, instructed = self.subject, self._instructed[-1]
+        takes = (
+            _START
+            if isinstance(instructed.given, Walk) or instructed.gain > 0.0
+            else who.move + float(who.stagger.max())
+        )
+        return t >= instructed.since + instructed.late + takes
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Hips (3,), m, and unit quaternions (59, 4), w x y z, at t seconds."""
-        told = self._told[max(bisect_right(self._told, t, key=lambda each: each.since) - 1, 0)]
-        angles = self._posture(told, t) + self._sway * np.sin(2.0 * np.pi * self._frequency * t + self._phase)
+        instructed = self._instructed[max(bisect_right(self._instructed, t, key=lambda each: each.since) - 1, 0)]
+        angles = self._posture(instructed, t) + self._sway * np.sin(2.0 * np.pi * self._frequency * t + self._phase)
         hips = self.offsets[0].copy()
         hips[1] -= self._sunk(angles)
-        distance, gain = self._gait(told, t)
+        distance, gain = self._gait(instructed, t)
         add_gait(hips, angles, self._index, distance, gain, self._scale, self.subject.walk)
         rotations = np.empty((JOINTS, 4))
         self._quaternions.fill(np.deg2rad(angles), rotations)
         return hips, rotations
 
-    def _posture(self, told: _Told, t: float) -> Array:
+    def _posture(self, instructed: _Instructed, t: float) -> Array:
         """(59, 3) degrees, without sway and gait."""
         who = self.subject
-        late = t - told.since - who.reaction
-        share = minimum_jerk((late - who.stagger) / who.move)[:, None] if np.isfinite(told.since) else 1.0
-        angles = told.before + share * (told.after - told.before)
+        late = t - instructed.since - who.reaction
+        share = minimum_jerk((late - who.stagger) / who.move)[:, None] if np.isfinite(instructed.since) else 1.0
+        angles = instructed.before + share * (instructed.after - instructed.before)
         more = late - who.move
         if more > 0.0 and np.isfinite(more):
             fade = quintic(min(more / _FADE, 1.0))
-            angles = angles + fade * np.sin(2.0 * np.pi * who.frequency * more) * told.again
+            angles = angles + fade * np.sin(2.0 * np.pi * who.frequency * more) * instructed.again
         return np.asarray(angles)
 
-    def _gait(self, told: _Told, t: float) -> tuple[float, float]:
+    def _gait(self, instructed: _Instructed, t: float) -> tuple[float, float]:
         """s of walking at full speed until t, and the gain of the gait."""
-        change = (1.0 if isinstance(told.given, Walk) else 0.0) - told.gain
-        since = t - told.since if np.isfinite(told.since) else 0.0
-        late = max(since - told.late, 0.0)
-        gain = told.gain + change * float(minimum_jerk(np.array(late / _START)))
-        return told.walked + told.gain * since + change * walked(late, _START), gain
+        change = (1.0 if isinstance(instructed.given, Walk) else 0.0) - instructed.gain
+        since = t - instructed.since if np.isfinite(instructed.since) else 0.0
+        late = max(since - instructed.late, 0.0)
+        gain = instructed.gain + change * float(minimum_jerk(np.array(late / _START)))
+        return instructed.walked + instructed.gain * since + change * walked(late, _START), gain
 
     def _lap_ends(self, distance: float, gain: float) -> float:
         """s after which to begin to stop, so that a whole number of circles has been walked: then all is as at first.

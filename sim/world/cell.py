@@ -70,7 +70,7 @@ class Cell(World):
         self.parts: dict[str, Part] = {}
         for name, (cls, options) in config.parts.items():
             self.parts[name] = part = cls(name, options, seed)
-            self.doubts += [(f"parts.{name}.{key}", text) for key, text in part.doubts]
+            self.warnings += [(f"parts.{name}.{key}", text) for key, text in part.warnings]
             self.remarks += [(f"parts.{name}.{key}", text) for key, text in part.remarks]
         ends = [part.ends for part in self.parts.values() if part.ends is not None]
         self.duration = config.duration or max(ends, default=None)

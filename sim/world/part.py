@@ -98,7 +98,7 @@ class Part(ABC):
         carrier: the part that it stands on; "" for the world.
         every: number of physics steps between two calls of `drive`; 0: never called.
         settled: (1,) s, of which time the positions of bodies are; the world sets it, and all parts have the same one.
-        doubts, remarks: (key of its options, text): what is probably wrong, and what a person should know.
+        warnings, remarks: (key of its options, text): what is probably wrong, and what a person should know.
         ends: s until the run ends by itself on the part's account, such as the end of a recording; None: never.
     """
 
@@ -115,7 +115,7 @@ class Part(ABC):
         self.settled = [-1.0]
         self._set_of: Mapping[str, Array] | None = None  # what `_setters` set
         self._setters: list[Callable[..., None]] = []
-        self.doubts: list[tuple[str, str]] = []
+        self.warnings: list[tuple[str, str]] = []
         self.remarks: list[tuple[str, str]] = []
 
     @abstractmethod

@@ -9,7 +9,7 @@ from srl.runtime.contracts.plausible import plausible
 from srl.runtime.contracts.signals import Kind
 from srl.runtime.guard import CommandGuard
 from srl.runtime.guard.base import LONGEST
-from srl.runtime.ipc.words import Cause
+from srl.runtime.ipc.header import Cause
 from srl.runtime.profile.graph import Graph
 
 CLIENT: Final = "client"  # who sends setpoints over the bus

@@ -10,7 +10,7 @@ import numpy as np
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.signals import Kind
 from srl.runtime.guard import CommandGuard
-from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.testing.lab import Lab
 from srl.studies.faults import device_faults
 from srl.studies.faults.device_faults import CLIENT, JUMPS, LATE, Expected
@@ -112,19 +112,19 @@ def expectation(bench: Bench, device: str, kind: str) -> Expected:
 
 
 def _break(bench: Bench, device: str, kind: str) -> dict[str, Value]:
-    due, begun = expectation(bench, device, kind), bench.cycles
+    due, started = expectation(bench, device, kind), bench.cycles
     _fault(bench, device, kind)
     bench.run(max(due.safe, due.still or 0.0) + LASTS)
     end = bench.time + MOST
     while bench.state == "stopping" and bench.time < end:  # what stopped it came late, as a robot's own reflex may
         bench.step()
-    rows = bench.rows[begun:]
+    rows = bench.rows[started:]
     causes, states = rows[:, CYCLE.cause], rows[:, CYCLE.state]
     seen, safe = _first(causes != Cause.NONE), _first(states == State.STOPPED)
-    cause, culprit = bench.cause, bench.culprit
+    cause, fault_source = bench.cause, bench.fault_source
     wrong = _judge(bench, due, seen, safe, device)
     stopped = bench.state in ("stopping", "stopped")
-    if due.still is not None and (went := bench.moved(begun + round(due.still / bench.dt))) > MOVES:
+    if due.still is not None and (went := bench.moved(started + round(due.still / bench.dt))) > MOVES:
         wrong.append(f"what is sent goes on by {went:.3g} of a step")
     if stopped and due.cause is not None and device != CLIENT:
         bench.reset()
@@ -135,9 +135,9 @@ def _break(bench: Bench, device: str, kind: str) -> dict[str, Value]:
     share, where = largest(bench.layout, bench.rows, bench.graph, bench.guards, misreporting=liar)
     if not share <= 1.0 + ROUNDING:
         wrong.append(f"{share:.3g} of what the limits allow was sent: {where}")
-    recorded = seen is None or (cause != "none" and culprit != "")  # the rows say why, and whose fault it is
+    recorded = seen is None or (cause != "none" and fault_source != "")  # the rows say why, and whose fault it is
     return {
-        "entered": "stopped" if stopped else "active", "cause": cause, "culprit": culprit,
+        "entered": "stopped" if stopped else "active", "cause": cause, "fault_source": fault_source,
         "seen": None if seen is None else seen * bench.dt, "safe": None if safe is None else safe * bench.dt,
         "due": due.safe if due.cause is not None else None, "step": share, "where": where, "recorded": recorded,
         "cycles": bench.cycles, "wrong": "; ".join(wrong),
@@ -160,7 +160,7 @@ def _fault(bench: Bench, device: str, kind: str) -> None:
 def _judge(bench: Bench, due: Expected, seen: int | None, safe: int | None, device: str) -> list[str]:
     """What isn't as it is due."""
     if due.goes_on:
-        return [f"it stopped: {bench.cause} of {bench.culprit}"] if seen is not None else []
+        return [f"it stopped: {bench.cause} of {bench.fault_source}"] if seen is not None else []
     if due.cause is None:
         return []
     wrong = []
@@ -168,8 +168,8 @@ def _judge(bench: Bench, due: Expected, seen: int | None, safe: int | None, devi
         return [f"it went on, and {due.cause.name.lower()} is due"]
     if bench.cause != due.cause.name.lower():
         wrong.append(f"the cause is {bench.cause}, and {due.cause.name.lower()} is due")
-    if bench.culprit != device:
-        wrong.append(f"the culprit is '{bench.culprit}'")
+    if bench.fault_source != device:
+        wrong.append(f"the fault source is '{bench.fault_source}'")
     if seen * bench.dt > due.seen:
         wrong.append(f"the stop begins after {seen * bench.dt:.3f} s, {due.seen:.3f} s is due")
     if safe is None or safe * bench.dt > due.safe:
@@ -185,7 +185,7 @@ def _recovers(bench: Bench, device: str, stopped: bool) -> list[str]:
         bench.mute = bench.wild = False
     else:
         bench.heal(device)
-    begun = bench.cycles
+    started = bench.cycles
     if not stopped:
         bench.run(AGAIN)
         return []
@@ -195,7 +195,7 @@ def _recovers(bench: Bench, device: str, stopped: bool) -> list[str]:
     wrong = []
     if bench.state not in ("stopping", "stopped"):
         wrong.append("it began again by itself")
-    if (went := bench.moved(begun)) > MOVES:
+    if (went := bench.moved(started)) > MOVES:
         wrong.append(f"after the fault's end what is sent moved by {went:.3g} of a step without a reset")
     end = bench.time + MOST
     while bench.state != "active" and bench.time < end:

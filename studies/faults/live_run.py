@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.ipc.child import end_with_parent
+from srl.runtime.ipc.header import CYCLE
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE
 
 SRL: list[str] = [sys.executable, "-m", "srl"]  # a test puts a program here in which something is broken
 NAME: Final = "trial"
-PATIENCE: Final = 60.0  # s
+TIMEOUT: Final = 60.0  # s
 PAUSE: Final = 0.005  # s between two looks
 PROCESSES: Final = ("loop", "bus", "recorder")
 
@@ -81,12 +81,12 @@ class LiveRun:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)  # its children are in its group
         with contextlib.suppress(subprocess.TimeoutExpired, ValueError):
-            self.process.communicate(timeout=PATIENCE)
+            self.process.communicate(timeout=TIMEOUT)
         if self.reader is not None:
             self.reader.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def until(self, condition: Callable[[], object], what: str, most: float = PATIENCE) -> float:
+    def until(self, condition: Callable[[], object], what: str, most: float = TIMEOUT) -> float:
         """Waits until it is so, also if the run has ended; returns s. Raises HostError: it isn't."""
         begun = time.monotonic()
         while not condition():
@@ -153,7 +153,7 @@ class LiveRun:
                 found |= {name: int(pid) for name in PROCESSES if f"srl.runtime.{name}" in line}
         return found
 
-    def finish(self, most: float = PATIENCE) -> dict[str, Any] | None:
+    def finish(self, most: float = TIMEOUT) -> dict[str, Any] | None:
         """Waits for the run's end; returns what `--json` said, None if nothing. Raises HostError: it doesn't end."""
         try:
             self.out, self.err = self.process.communicate(timeout=most)

@@ -107,9 +107,9 @@ def _hogs(cores: set[int]) -> Iterator[None]:
 def _hog(run: LiveRun, rng: np.random.Generator) -> None:
     loop = run.children()["loop"]
     core = int(Path(f"/proc/{loop}/stat").read_text().rpartition(")")[2].split()[36])
-    begun = time.monotonic()
+    started = time.monotonic()
     with _hogs({core}):
-        run.until(lambda: time.monotonic() > begun + 1.0, "a second")
+        run.until(lambda: time.monotonic() > started + 1.0, "a second")
 
 
 def _use_up(run: LiveRun, rng: np.random.Generator) -> None:
@@ -157,9 +157,9 @@ def _spray(run: LiveRun, payload: Callable[[], bytes], seconds: float) -> None:
 
 def _stop(run: LiveRun) -> float:
     """A person's stop; returns how long the loop took to answer, s; inf: it didn't."""
-    begun = time.monotonic()
+    started = time.monotonic()
     answer = send_request(run.run_folder, "stop")
-    return time.monotonic() - begun if answer is not None else float("inf")
+    return time.monotonic() - started if answer is not None else float("inf")
 
 
 def _flood(run: LiveRun, rng: np.random.Generator) -> None:

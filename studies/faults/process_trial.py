@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from srl.runtime.contracts.errors import SrlError
-from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.recording import reader
 from srl.studies.faults.device_trial import Bench
 from srl.studies.faults.live_run import LiveRun
@@ -55,9 +55,10 @@ def _refused(run: LiveRun, fault: ProcessFault) -> dict[str, Value]:
     wrong = _exit(run, fault)
     if not run.err.strip():
         wrong.append("it doesn't say why")
-    said = run.err.strip().splitlines()
+    output = run.err.strip().splitlines()
     return {
-        "entered": "refused", "cause": said[-1][:200] if said else "", "culprit": "", "safe": None, "due": None,
+        "entered": "refused", "cause": output[-1][:200] if output else "", "fault_source": "", "safe": None,
+        "due": None,
         "step": 0.0, "where": "", "recorded": True, "cycles": 0, "wrong": "; ".join(wrong),
     }  # fmt: skip
 
@@ -81,18 +82,18 @@ def _break(run: LiveRun, fault: ProcessFault, rng: np.random.Generator, given: M
     rows = run.rows
     wrong = _exit(run, fault) + _judge(run, fault, found, safe, before)
     wrong += _after(rows, at, fault)
-    recorded, said = _recorded(run, found, fault)
+    recorded, output = _recorded(run, found, fault)
     with Bench(given["profile"], list(given["choices"]), 1) as bench:
         assert run.layout is not None
         share, where = largest(run.layout, rows, bench.graph, bench.guards)
     if not share <= 1.0 + ROUNDING:
         wrong.append(f"{share:.3g} of what the limits allow was sent: {where}")
     if not recorded:
-        wrong.append(said)
+        wrong.append(output)
     last = rows[-1]
     return {
         "entered": State(int(last[CYCLE.state])).name.lower(), "cause": Cause(int(last[CYCLE.cause])).name.lower(),
-        "culprit": "", "safe": safe, "due": fault.safe, "step": share, "where": where, "recorded": recorded,
+        "fault_source": "", "safe": safe, "due": fault.safe, "step": share, "where": where, "recorded": recorded,
         "cycles": len(rows), "wrong": "; ".join(wrong),
     }  # fmt: skip
 

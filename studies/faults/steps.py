@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from srl.runtime.contracts.signals import Array, Kind
 from srl.runtime.guard import CommandGuard
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, State
 from srl.runtime.profile.graph import Actuator, Graph
 
 LONGEST: Final = 5  # periods: a longer pause may not be made up for (runtime/guard/base.py)
@@ -26,18 +26,19 @@ class Sent:
     Attributes:
         values: (k, n), in the command's unit; what left last, NaN before the first.
         left: (k,) bool: a command left in this cycle.
-        begun: (k,) how many starts and resets there were until then: after each, the command begins anew.
+        started: (k,) how many starts and resets there were until then: after each, the command begins anew.
         measured: (k, n) in the same unit; None: not measured, or not the command's own coordinates.
-        led: (k,) bool: the device was commanded until the cycle before, so a position goes on from what was sent.
+        was_active: (k,) bool: the device was commanded until the cycle before, so a position goes on from what was
+            sent.
         time: (k,) s, of each cycle, as the guards counted it: a late cycle may go further.
         dt: s, the period.
     """
 
     values: Array
     left: NDArray[np.bool_]
-    begun: NDArray[np.int64]
+    started: NDArray[np.int64]
     measured: Array | None
-    led: NDArray[np.bool_]
+    was_active: NDArray[np.bool_]
     time: Array
     dt: float
 
@@ -63,7 +64,7 @@ def shares(guard: CommandGuard, sent: Sent) -> Iterator[tuple[int, float, str]]:
         if not np.isfinite(now).all():
             yield k, np.inf, "not finite"
             continue
-        begins = before is None or sent.begun[before] != sent.begun[k]
+        begins = before is None or sent.started[before] != sent.started[k]
         last = _reference(sent, k, before, begins, kind)
         if last is not None and (now.any() or kind is not Kind.VELOCITY):  # a device that got nothing ends a velocity
             span = (
@@ -83,7 +84,7 @@ def _reference(sent: Sent, k: int, before: int | None, begins: bool, kind: Kind)
         return np.zeros_like(sent.values[k].ravel())
     if begins and kind is Kind.TORQUE:
         return None
-    if begins and sent.measured is not None and not (sent.led[k] and before is not None):
+    if begins and sent.measured is not None and not (sent.was_active[k] and before is not None):
         there = sent.measured[k].ravel()
         return there if np.isfinite(there).all() else None
     if before is None:

@@ -101,8 +101,8 @@ def _other(bench: TwinBench, driver: Driver) -> dict[str, Value]:
         with bench.serving():
             driver.open()
     except DeviceError as error:
-        said = str(error)
-        return _row("refused", said[:200], None, None, "" if len(said) > len(DEVICE) + 4 else "it doesn't say why")
+        output = str(error)
+        return _row("refused", output[:200], None, None, "" if len(output) > len(DEVICE) + 4 else "it doesn't say why")
     before = driver.health.stamp
     lost = _read(bench, driver, 2.0)
     taken = driver.health.stamp > max(before, 0)
@@ -120,16 +120,16 @@ def _break(bench: TwinBench, driver: Driver, fault: str, chance: Random) -> dict
     elif fault == "hang":
         bench.twin.muted = True  # type: ignore[attr-defined]
     bad = _bad(driver)
-    begun, wrong = bench.now, list[str]()
+    started, wrong = bench.now, list[str]()
     safe: float | None = None
     speak = _speaker(bench, driver, fault, chance)
-    while bench.now - begun < (due + LASTS) * 1e9:
+    while bench.now - started < (due + LASTS) * 1e9:
         speak()
         if _read(bench, driver, CYCLE) is not None:
-            lost = safe = (bench.now - begun) * 1e-9 if safe is None else safe
+            lost = safe = (bench.now - started) * 1e-9 if safe is None else safe
             break
         if driver.states and age > 0 and bench.now - driver.health.stamp > age * 1e9 and safe is None:
-            safe = (bench.now - begun) * 1e-9
+            safe = (bench.now - started) * 1e-9
         if any(np.isinf(values).any() for values in driver.state_arrays.values()):  # NaN says that nothing is known
             wrong.append("a value is infinite")
             break
@@ -168,13 +168,13 @@ def _speaker(bench: TwinBench, driver: Driver, fault: str, chance: Random) -> Ca
 
 def _read(bench: TwinBench, driver: Driver, seconds: float) -> float | None:
     """Reads for so long; when it said that it was lost, s; None: it didn't. Any other exception is the trial's."""
-    begun = bench.now
-    while bench.now - begun < seconds * 1e9:
+    started = bench.now
+    while bench.now - started < seconds * 1e9:
         bench.run(CYCLE)
         try:
             driver.read(bench.now)
         except DeviceLostError:
-            return (bench.now - begun) * 1e-9
+            return (bench.now - started) * 1e-9
     return None
 
 
@@ -185,6 +185,6 @@ def _bad(driver: Driver) -> int:
 
 def _row(entered: str, cause: str, safe: float | None, due: float | None, wrong: str) -> dict[str, Value]:
     return {
-        "entered": entered, "cause": cause, "culprit": DEVICE, "safe": safe, "due": due, "step": 0.0, "where": "",
+        "entered": entered, "cause": cause, "fault_source": DEVICE, "safe": safe, "due": due, "step": 0.0, "where": "",
         "recorded": True, "cycles": 0, "wrong": wrong,
     }  # fmt: skip

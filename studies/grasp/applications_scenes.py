@@ -84,14 +84,14 @@ def _pictures(folder: Path, name: str, model: Any, postures: list[Array]) -> lis
 
 def _paint(compiled: Path, postures: list[Array], files: list[Path], azimuth: float) -> None:
     model = mujoco.MjModel.from_binary_path(str(compiled))
-    data, eye = mujoco.MjData(model), mujoco.MjvCamera()
-    eye.azimuth, eye.elevation, eye.distance = azimuth, _ABOVE, _AWAY
-    eye.lookat[:] = _LOOK
+    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
+    camera.azimuth, camera.elevation, camera.distance = azimuth, _ABOVE, _AWAY
+    camera.lookat[:] = _LOOK
     shown = mujoco.MjvOption()
     shown.sitegroup[:] = 0
     with mujoco.Renderer(model, *_SIZE) as renderer:
         for posture, file in zip(postures, files, strict=True):
             data.qpos[:] = posture
             mujoco.mj_forward(model, data)
-            renderer.update_scene(data, eye, shown)
+            renderer.update_scene(data, camera, shown)
             matplotlib.image.imsave(file, renderer.render())

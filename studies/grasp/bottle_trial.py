@@ -102,7 +102,7 @@ def unscrew(
 
 def _turn(rig: Rig, diameter: float, row: dict[str, Value]) -> str:
     """Turns the cap stroke by stroke; the finger and three others hold the bottle against it."""
-    cap, begun, turned = rig.cell.truth_arrays["thing_cap"], rig.inside(), rig.turn()
+    cap, started, turned = rig.cell.truth_arrays["thing_cap"], rig.inside(), rig.turn()
     closed = float(cap[0])  # a closing hand may turn the cap, too: that isn't unscrewing
 
     def opened() -> float:
@@ -113,7 +113,7 @@ def _turn(rig: Rig, diameter: float, row: dict[str, Value]) -> str:
     def go_on(torque: float) -> None:
         data.xfrc_applied[body, 3:] = torque * data.xmat[body].reshape(3, 3)[:, 2]
         rig.run(_CYCLE)
-        moved = np.linalg.norm(rig.inside() - begun) + diameter / 2 * angle(turned, rig.turn())
+        moved = np.linalg.norm(rig.inside() - started) + diameter / 2 * angle(turned, rig.turn())
         row["slip"], row["cap"] = max(float(row["slip"] or 0.0), float(moved)), opened()
 
     effort = _EFFORT * rig.cell.model.dof_frictionloss[rig.cell.model.joint("thing/cap").dofadr[0]]

@@ -19,7 +19,7 @@ from srl.sim.wearer.people import MISFIT
 from srl.studies.human_srl.intention_trial import UNRELATED, made_of, play, recorded
 from srl.studies.human_srl.part import NAME, Part
 from srl.studies.intention.accuracy import law_of
-from srl.studies.intention.people import ACTIONS, DT, begun
+from srl.studies.intention.people import ACTIONS, DT, onsets
 from srl.studies.result import Claim
 from srl.studies.tasks.runner import Runner
 from srl.studies.tasks.task import Row, TrialTask
@@ -148,7 +148,7 @@ def _recordings(numbers: Sequence[int]) -> Iterator[dict[str, Any]]:
     for file in files:
         rotation, translation = recorded(file)
         played = play(law, rotation, translation)
-        taken = Counter(names[k] for k in begun(played.action))
+        taken = Counter(names[k] for k in onsets(played.action))
         minutes = len(rotation) * DT / 60.0
         low, high = rate(taken.total(), minutes)
         yield {

@@ -25,7 +25,7 @@ from srl.sim.wearer.people import MISFIT, subject
 from srl.sim.wearer.performer import Performer, measured
 from srl.studies.intention import people
 from srl.studies.intention.accuracy import law_of
-from srl.studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, Session, begun, unrelated
+from srl.studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, Session, onsets, unrelated
 from srl.studies.tasks.task import Value
 
 UNRELATED: Final = ("stand", "walk", "stop-and-go", "reach")
@@ -171,7 +171,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     found = scores(own, play(law, own.rotation, own.translation), names, thresholds.confidence, thresholds.lead)
     for kind in UNRELATED:
         motion = other_motion(kind, number, parameters["unrelated"], misfit)
-        found[f"{kind}_activations"] = len(begun(play(law, *motion).action))
+        found[f"{kind}_activations"] = len(onsets(play(law, *motion).action))
     out = parameters["left_out"]
     blind = law_of(made_of(parameters["others"], repetitions, thresholds, out), thresholds)
     names, played = blind.outputs[0].labels, play(blind, own.rotation, own.translation)

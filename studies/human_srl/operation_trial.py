@@ -60,7 +60,7 @@ class Trial:
         """Contacts that the arm made."""
         return sum(contact.blamed for contact in self.contacts)
 
-    def figures(self) -> tuple[float, float, float]:
+    def metrics(self) -> tuple[float, float, float]:
         """Mean, 95th percentile and greatest of the errors, mm; NaN if the task never began.
 
         Each part of the path counts alike in the first two, however long the arm waits there.
@@ -177,11 +177,11 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         parameters: `wearer`, of `Wearer` by name; `case`, of `Case` by name.
         seed: as in `run`. Trials of one seed and wearer have the same path and motion.
     Returns:
-        mean, p95, most: mm, as in `Trial.figures`; taken: s; done; contacts, blamed: how many; fastest: m/s, at
+        mean, p95, most: mm, as in `Trial.metrics`; taken: s; done; contacts, blamed: how many; fastest: m/s, at
         which the arm closed a gap; blocked: share.
     """
     made = run(text, Wearer(**parameters["wearer"]), Case(**parameters["case"]), seed)
-    mean, p95, most = made.figures()
+    mean, p95, most = made.metrics()
     return {
         "mean": mean, "p95": p95, "most": most, "taken": made.seconds, "done": made.done,
         "contacts": len(made.contacts), "blamed": made.blamed, "blocked": made.blocked,

@@ -31,7 +31,7 @@ from srl.studies.human_srl.wearers import Wearer
 from srl.studies.tasks.task import Value
 
 SECONDS: Final = 12.0
-PATIENCE: Final = 6.0  # s, then a goal is given up
+TIMEOUT: Final = 6.0  # s, then a goal is given up
 NEAR: Final = 0.02  # rad or m, of every joint from a goal that is reached
 FREE: Final = 0.06  # m, of a goal from the person with the arms stretched out sideways
 _BEGIN: Final = 1.0  # s, of the clock at the first cycle
@@ -204,7 +204,7 @@ class _Goals:
         """(n,) the goal at t s, with the arm where it is measured."""
         if self._since is not None:
             there, waited = bool(np.abs(measured - self._goal).max() < NEAR), t - self._since
-            if not there and waited < PATIENCE:
+            if not there and waited < TIMEOUT:
                 return self._goal
             self.times.append(round(waited, 6) if there else None)
         self._goal, self._since = self.free(), t

@@ -151,7 +151,7 @@ class Trial:
                 shifts.append(self.world.truth_arrays["strap_shift"].copy())
                 tilts.append(self.world.truth_arrays["strap_tilt"].copy())
         shift, tilt = np.array(shifts), np.array(tilts)
-        return Result(np.array(tips), _rms(shift), _rms(tilt[:, :2]), _rms(tilt[:, 2:]), self._law.figures())
+        return Result(np.array(tips), _rms(shift), _rms(tilt[:, :2]), _rms(tilt[:, 2:]), self._law.metrics())
 
     # -- one cycle
 
@@ -264,8 +264,8 @@ def _law(config: StrapBaseConfig, mount: tuple[float, float, float]) -> StrapBas
     w, x, y, z = WORN["quaternion"]
     # Both sensors are mounted along the base's axes; a suit's spine has its own.
     body = (0.0, 0.0, 0.0, w, -x, -y, -z) if config.reference == "suit" else IDENTITY
-    told = np.array([0.0, 0.0, 0.0, *exp(*(-v for v in mount))])
-    law.bind(inputs, outputs, applied, {}, {"mount": told, "body": np.array(body)})
+    reported = np.array([0.0, 0.0, 0.0, *exp(*(-v for v in mount))])
+    law.bind(inputs, outputs, applied, {}, {"mount": reported, "body": np.array(body)})
     return law
 
 

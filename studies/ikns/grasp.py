@@ -15,7 +15,7 @@ import numpy as np
 
 from srl.runtime.contracts.rotation import Pose, Vector, conjugate, product, turned
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED
 from srl.runtime.loop.lockstep import Lockstep
 from srl.sim.parts.body.carrier import CarrierPart
 from srl.sim.parts.hand.passive_hand import PALM_FACE

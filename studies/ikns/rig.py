@@ -29,7 +29,7 @@ from srl.studies.toolkit.errors import StudyError
 FILE: Final = "ikns-finger.calibration.json"  # as the profile ikns-finger names it
 DOFS: Final[tuple[Dof, ...]] = ("swivel", "shrug", "protraction")
 """In the order of the signal `world.wearer_dofs`."""
-_PATIENCE: Final = 20.0  # s for the hand to come to a point
+_TIMEOUT: Final = 20.0  # s for the hand to come to a point
 DATE: Final = datetime.date(2024, 1, 1)  # of simulated calibrations: a task depends on no clock
 _EXPLORATION: Final = 20.0  # s; it only says how large the workspace is
 _HELD: Final = 5.0  # s of each trial
@@ -80,7 +80,7 @@ class Rig:
     def tell(self, instruction: Instruction, seconds: float, *names: str) -> list[Array]:
         """Waits until it is reached, and goes on for some seconds; returns signals in them, (cycles, elements)."""
         self.wearer.instruct(instruction)
-        for _ in range(round(_PATIENCE * self.rate)):
+        for _ in range(round(_TIMEOUT * self.rate)):
             self.step()
             if isinstance(instruction, Explore) or self.wearer.done:
                 break
@@ -157,14 +157,14 @@ def instructed(rig: Rig, dofs: Sequence[Dof]) -> Instructed:
     (explored,) = rig.tell(Explore(_EXPLORATION), _EXPLORATION, "arm.hand")
     places = explored[:, :3]
     middle, half = 0.5 * (places.max(axis=0) + places.min(axis=0)), 0.5 * np.ptp(places, axis=0)
-    rows, ranges, begun = list[Array](), np.zeros((len(_CORNERS), len(dofs))), 0.0
+    rows, ranges, started = list[Array](), np.zeros((len(_CORNERS), len(dofs))), 0.0
     for i, corner in enumerate(_CORNERS):
         x, y, z = (middle + 0.9 * half * corner).tolist()
         for j, dof in enumerate(dofs):
             rig.tell(Hold((x, y, z)), 1.0)
             angles, hand, truth = rig.tell(Hold((x, y, z), dof), _HELD, "arm.angles", "arm.hand", "world.wearer_dofs")
-            t = begun + np.arange(len(angles)) / rig.rate
-            begun = float(t[-1]) + 1.0  # what is between two trials isn't recorded
+            t = started + np.arange(len(angles)) / rig.rate
+            started = float(t[-1]) + 1.0  # what is between two trials isn't recorded
             rows.append(np.column_stack([t, angles, hand[:, :3], np.full((len(t), 2), (i, j))]))
             ranges[i, j] = np.ptp(truth[:, DOFS.index(dof)])
     joints = rig.lockstep.graph.layout.fields["arm.angles"].labels

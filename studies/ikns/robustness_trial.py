@@ -12,8 +12,8 @@ import numpy as np
 from srl.control.ikns import record
 from srl.runtime.contracts import rotation
 from srl.runtime.contracts.wearer import Follow, Hold
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.requests import RequestKind
-from srl.runtime.ipc.words import State
 from srl.studies.ikns.curves import SETTLE, curve, scores
 from srl.studies.ikns.rig import FILE, Rig
 from srl.studies.tasks.task import Value

@@ -12,13 +12,13 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from srl.commissioning.calibration import cut as cutting
+from srl.commissioning.calibration import profile_subset
 from srl.commissioning.calibration import result as results
+from srl.commissioning.calibration.channel_map import ChannelMap, channel_map
 from srl.commissioning.calibration.guide import Guide, QuitError
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import LOOK, Simulated
-from srl.commissioning.calibration.taps import Taps, taps
 from srl.control.ikns import record
 from srl.control.ikns.calibration import CalibrationError, Thresholds
 from srl.control.ikns.record import RecordError
@@ -34,7 +34,7 @@ from srl.studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"
 VALUE: Final = "intent.c"
-_PATIENCE: Final = 600.0  # s that a simulated calibration may take
+_TIMEOUT: Final = 600.0  # s that a simulated calibration may take
 COARSE: Final = 10  # Hz, of the path that is kept for the figure
 
 
@@ -50,20 +50,20 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
     """
     dofs, thresholds = ("swivel",), Thresholds()
     checked, source = worn(text, parameters["set"], seed)
-    made, cut = cutting.cut(checked, source, parameters["person"], dofs, thresholds, sim=True)
-    simulated = Simulated(made, cut, taps, lambda _: None)
+    made, cut = profile_subset.cut(checked, source, parameters["person"], dofs, thresholds, sim=True)
+    simulated = Simulated(made, cut, channel_map, lambda _: None)
     seconds = 0.0
 
     def over() -> bool:
         nonlocal seconds
         seconds += LOOK
-        return seconds > _PATIENCE
+        return seconds > _TIMEOUT
 
     guide = Guide(simulated, Procedure(dofs, thresholds, Plan(**parameters["plan"])), Plain(lambda _: None), over)
     try:
         guide.run()
-        assert isinstance(simulated.taps, Taps)
-        result = results.compute(simulated.taps, guide.samples, DATE)
+        assert isinstance(simulated.channel_map, ChannelMap)
+        result = results.compute(simulated.channel_map, guide.samples, DATE)
         if result.refusals:
             raise result.refusals[0]
         content = result.record().model_dump_json()

@@ -21,7 +21,7 @@ from srl.control.intention.training import Held, Recogniser, Thresholds, train
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.signals import Array
 from srl.sim.parts.body.motion import Script
-from srl.studies.intention.people import DT, TRUNK, Session, begun, session, unrelated
+from srl.studies.intention.people import DT, TRUNK, Session, onsets, session, unrelated
 
 _KINDS: Final[tuple[Script, ...]] = ("still", "walk", "reach")
 _SECONDS: Final = 60.0
@@ -68,7 +68,7 @@ def strangers(numbers: Sequence[int]) -> dict[str, Any]:
     law, held = law_of(made, thresholds), made[1]
     alarms: dict[str, float] = {}
     for kind in _KINDS:
-        counts = [len(begun(actions(law, *unrelated(kind, _SECONDS, seed)))) for seed in (1, 2, 3)]
+        counts = [len(onsets(actions(law, *unrelated(kind, _SECONDS, seed)))) for seed in (1, 2, 3)]
         alarms[kind] = float(np.mean(counts) * 60.0 / _SECONDS)
     return {
         "windows_right": held.accuracy, "rejected": held.rejected,
@@ -120,12 +120,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--people", type=int, default=12, help="number of simulated people")
     numbers = range(1, 1 + parser.parse_args().people)
-    told = {
+    reported = {
         "simulated": True, "people": len(numbers), "own": own(numbers), "strangers": strangers(numbers),
         "update_us": update_time(),
         "unseen_action_rejected": rejects(numbers[:4], ("overhead", "squat", "turn-left", "wave")),
     }  # fmt: skip
-    print(json.dumps(told, indent=1))
+    print(json.dumps(reported, indent=1))
 
 
 if __name__ == "__main__":

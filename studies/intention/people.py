@@ -104,7 +104,7 @@ def unrelated(kind: Script, seconds: float, seed: int = 1) -> tuple[Array, Array
     return np.array([q for _, q in poses])[:, JOINTS], translation[:, JOINTS]
 
 
-def begun(action: Array) -> list[int]:
+def onsets(action: Array) -> list[int]:
     """The numbers of the actions that began, in turn; `action` (T, k)."""
     held = np.where(action.any(axis=1), action.argmax(axis=1), -1)
     return [int(now) for before, now in zip([-1, *held[:-1]], held, strict=True) if now not in (before, -1)]

@@ -66,11 +66,11 @@ def _series(figure: Any, t: Array, force: Array, at: Array, mode: Any, row: Mapp
             axes.plot(t, values[:, k], color=color, lw=1, label=axis)
         for begin, end in _spans(mode):
             axes.axvspan(t[begin], t[end], color=_YELLOW if mode[begin] else _VIOLET, alpha=0.15, lw=0)
-        for begun, ended, color in (
+        for started, ended, color in (
             (row["taken"], row["lifted"], _BLUE), (row["lowered"], row["placed"], _PURPLE)
         ):  # fmt: skip
-            if begun is not None and ended is not None:
-                axes.axvspan(begun, ended, color=color, alpha=0.5, lw=0)
+            if started is not None and ended is not None:
+                axes.axvspan(started, ended, color=color, alpha=0.5, lw=0)
         axes.set_ylabel(unit)
         axes.legend(loc="upper right", fontsize=8, ncols=3)
     rows[0].axhline(0.0, color="0.6", lw=0.5)

@@ -56,7 +56,7 @@ def result(found: list[Trial], folder: Path) -> Result:
         beside = {row["subject"]: row for row in user_study.rows(times, PRINTED_II, (), timed)}
         lines = [row | {f"T {c}": beside.get(row["subject"], {}).get(f"T {c}") for c in CONDITIONS} for row in lines]
     moving = user_study.paired([_moving(t) for t in found], "moving")
-    h, hr = (PRINTED_II["T"].figures[c][0] - _STAY for c in ("H", "HR"))
+    h, hr = (PRINTED_II["T"].metrics[c][0] - _STAY for c in ("H", "HR"))
     ratio = f"; without the 5 s of each stay {moving.ratio} times as long (paper: {hr / h:.2f})"
     return Result(
         STUDY,

@@ -16,7 +16,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import CYCLE, Cause, State
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 from srl.sim.parts.things.ft_sensor import HandlePart
@@ -163,7 +163,7 @@ class _Handling:
         self._grip = cast(HandlePart, self._cell.parts["grip"])
         self._views, self._ints = graph.row.views, graph.row.ints
         self._body = int(self._cell.model.body("grip/grip").id)
-        self._begun: Array | None = None
+        self._started: Array | None = None
         self._rows: list[list[float]] = []
 
     NAMES: Final = ("t", "x", "y", "z", "fx", "fy", "fz", "px", "py", "pz", "tank", "wall", "tx", "ty", "tz", "state",
@@ -179,14 +179,14 @@ class _Handling:
             place = np.array(self._cell.data.xpos[self._body])
             velocity = np.zeros(3) if before is None else (place - before) / dt
             before = place
-            if self._begun is None and t >= PRESS:
-                self._begun = place
+            if self._started is None and t >= PRESS:
+                self._started = place
             stiffness = float(np.interp(t, [k[0] for k in what.stiffness], [k[1] for k in what.stiffness]))
             hold, push = np.zeros(3), np.zeros(3)
-            if self._begun is not None and stiffness > 0.0:
-                hold = stiffness * (self._begun - place) - what.damping * velocity
+            if self._started is not None and stiffness > 0.0:
+                hold = stiffness * (self._started - place) - what.damping * velocity
             elif stiffness == 0.0:
-                self._begun = place  # it will be held where it is then
+                self._started = place  # it will be held where it is then
             for begin, end, force in what.pushes:
                 if begin <= t < end:
                     push += force

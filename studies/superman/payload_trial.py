@@ -23,7 +23,7 @@ from srl.studies.tasks.task import Value
 
 _G: Final = np.array(DOWN)
 _BEFORE, _LIFT, _AFTER = 1.0, 0.15, 1.0  # s with the gripper open; m; s after the lift
-_PATIENCE: Final = 1.0  # s, after which an unseen contact or loss counts as never seen
+_TIMEOUT: Final = 1.0  # s, after which an unseen contact or loss counts as never seen
 _DIRECTIONS: Final = {"above": (0.0, 0.0, -1.0), "beside": (1.0, 0.0, 0.0), "below": (0.0, 0.0, 1.0)}
 
 
@@ -242,7 +242,7 @@ def contact(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Va
             seen = t - touched
         if touched >= 0.0 and stopped is None and found["stop"][0]:
             stopped, at_stop, braking = t - touched, force, True
-        if (braking and speed == 0.0) or (touched >= 0.0 and t - touched > _PATIENCE):
+        if (braking and speed == 0.0) or (touched >= 0.0 and t - touched > _TIMEOUT):
             break
     return {"mass": sensed.mass, "seen": seen, "stopped": stopped, "force": at_stop, "peak": peak}
 
@@ -260,7 +260,7 @@ def drop(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value
     """
     sensed = Sensed(text, parameters["setup"], seed)
     x = sensed.pick_up()
-    c = sensed.rest(x, _PATIENCE)
+    c = sensed.rest(x, _TIMEOUT)
     found = sensed.feel(c, sensed.wrench(c, np.zeros(len(c.x))), True)
     there = found["load"][:, 0] > 0.1 * sensed.mass
     gone = None if there[-1] else float((np.flatnonzero(there)[-1] + 1) * sensed.dt) if there.any() else 0.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from srl.runtime.contracts.rotation import Quaternion, error
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import CYCLE, Cause
+from srl.runtime.ipc.header import CYCLE, Cause
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 from srl.sim.parts.things.ft_sensor import HandlePart
@@ -97,7 +97,7 @@ class _Shaken:
         axis = {"y": 1, "z": 2, "rz": 5}[p["axis"]]
         for _ in range(round(_BEGIN / self._dt)):
             self._lockstep.step()
-        begun = _four(data.xquat[body])
+        started = _four(data.xquat[body])
         times, found = [], []
         for k in range(round(seconds / self._dt)):
             wrench = np.zeros(6)
@@ -108,7 +108,7 @@ class _Shaken:
                 self.cause = Cause(cause).name.lower().replace("_", " ")
             if k * self._dt >= settled:
                 times.append((k + 1) * self._dt)
-                place = (*data.xpos[body].tolist(), *error(_four(data.xquat[body]), begun))
+                place = (*data.xpos[body].tolist(), *error(_four(data.xquat[body]), started))
                 found.append(place[axis])
         return np.array(times), np.array(found)
 

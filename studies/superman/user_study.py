@@ -140,7 +140,7 @@ def rows(
             got, mean_of = m.summary(c), estimate(m.values[c])
             summary["mean (sd)"][f"{m.name} {c}"] = f"{got.mean:.2f} ({got.deviation:.2f})"
             summary["95 % interval"][f"{m.name} {c}"] = f"{mean_of.low:.2f} to {mean_of.high:.2f}"
-            mean, deviation = beside[m.name].figures[c]
+            mean, deviation = beside[m.name].metrics[c]
             summary["published"][f"{m.name} {c}"] = f"{mean:.2f} ({deviation:.2f})"
         summary["sign test"][first] = words(table.sign_test(m.name).p)
         level = beside[m.name].significant

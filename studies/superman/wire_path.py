@@ -43,7 +43,7 @@ def result(found: list[Trial], folder: Path) -> Result:
         got = table("Prolonged manipulation, simulated", whole, CONDITIONS, MEASURES)
         files = [*user_study.pictures(got, folder, "Wire path"), *files]
         lines = user_study.rows(got, PRINTED_I, ("moving", "off_mm", "missed", *MUSCLES), whole)
-    h, hr = (PRINTED_I["T"].figures[c][0] - _PAUSES for c in ("H", "HR"))
+    h, hr = (PRINTED_I["T"].metrics[c][0] - _PAUSES for c in ("H", "HR"))
     ratio = f"; without the pauses {moving.ratio} times as long (paper: {hr / h:.2f}, if it had six pauses)"
     slower = seconds.claim(
         "robot-slower", f"slower with the robot{ratio}", "180.75 (23.25) s against 129.58 (11.64) s, p < 0.001", "s",

@@ -17,7 +17,7 @@ class Progress:
         """`there`: of the `total`, those that were there before; they don't count for the time left."""
         self._study, self._there, self._done, self._total = study, there, there, total
         self._failed = 0
-        self._begin = self._said = time.monotonic()
+        self._begin = self._reported = time.monotonic()
         self._bar: Any = None
 
     def __enter__(self) -> Self:
@@ -43,7 +43,7 @@ class Progress:
         self._failed += failed
         if self._bar is not None:
             self._bar.update(self._task, completed=self._done, end=self._end())
-        elif time.monotonic() - self._said > _PAUSE or self._done == self._total:
+        elif time.monotonic() - self._reported > _PAUSE or self._done == self._total:
             self.say(self._line())
 
     def say(self, line: str) -> None:
@@ -51,7 +51,7 @@ class Progress:
         if self._bar is not None:
             self._bar.console.print(line, markup=False, highlight=False)
         else:
-            self._said = time.monotonic()
+            self._reported = time.monotonic()
             print(line, file=sys.stderr, flush=True)
 
     def __exit__(

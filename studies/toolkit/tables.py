@@ -38,12 +38,12 @@ class Printed:
     """A publication's figures of a measure.
 
     Attributes:
-        figures: mean and standard deviation by condition, as printed.
+        metrics: mean and standard deviation by condition, as printed.
         significant: the level below which p is said to be; None: said not to be significant.
         decimals: number printed for means and deviations.
     """
 
-    figures: Mapping[str, tuple[float, float]]
+    metrics: Mapping[str, tuple[float, float]]
     significant: float | None
     decimals: int = 2
 
@@ -124,11 +124,11 @@ class Table:
         found = []
         for name, says in printed.items():
             measure = self.measure(name)
-            exactly(f"{self.title}: {name}, as printed", says.figures, self.conditions, "condition")
+            exactly(f"{self.title}: {name}, as printed", says.metrics, self.conditions, "condition")
             for condition in self.conditions:
                 ours = measure.summary(condition)
                 for what, theirs, computed in zip(
-                    ("mean", "deviation"), says.figures[condition], (ours.mean, ours.deviation), strict=True
+                    ("mean", "deviation"), says.metrics[condition], (ours.mean, ours.deviation), strict=True
                 ):
                     # Half a unit of the last decimal; both ways of rounding a half are allowed.
                     if not abs(theirs - computed) <= 0.5 * 10.0**-says.decimals * (1 + 1e-9):
@@ -136,8 +136,8 @@ class Table:
             p = self.sign_test(name).p
             significant = level(p) is not None if says.significant is None else p >= says.significant
             if significant:
-                said = 1.0 if says.significant is None else says.significant
-                found.append(Difference(name, "", "p", said, p))
+                output = 1.0 if says.significant is None else says.significant
+                found.append(Difference(name, "", "p", output, p))
         return found
 
     def markdown(self, beside: Mapping[str, Printed] | None = None) -> str:
@@ -167,18 +167,18 @@ class Table:
         measures = []
         for measure in self.measures:
             test = self.sign_test(measure.name)
-            figures = {}
+            metrics = {}
             for condition in self.conditions:
                 got = measure.summary(condition)
                 deviation = got.deviation if got.n > 1 else None  # JSON has no nan
                 values = [float(v) for v in measure.values[condition]]
-                figures[condition] = {"values": values, "mean": got.mean, "deviation": deviation}
+                metrics[condition] = {"values": values, "mean": got.mean, "deviation": deviation}
             measures.append(
                 {
                     "name": measure.name,
                     "unit": measure.unit,
                     "meaning": measure.meaning,
-                    "conditions": figures,
+                    "conditions": metrics,
                     "sign_test": {"more": test.more, "less": test.less, "ties": test.ties, "p": test.p},
                 }
             )
@@ -212,9 +212,9 @@ def _mean(measure: Measure, condition: str) -> str:
 
 
 def _published(printed: Printed | None, condition: str) -> str:
-    if printed is None or condition not in printed.figures:
+    if printed is None or condition not in printed.metrics:
         return "-"
-    mean, deviation = printed.figures[condition]
+    mean, deviation = printed.metrics[condition]
     return f"{mean:.{printed.decimals}f} ({deviation:.{printed.decimals}f})"
 
 

@@ -40,7 +40,7 @@ def test_without_a_compiler_ours_is_compared_with_the_period_and_it_is_said(monk
         raise RuntimeError("there is no C compiler")
 
     monkeypatch.setattr(bench, "compiled", none)
-    monkeypatch.setattr(bench, "figures", lambda rate, start: dict.fromkeys(bench._NAMES, 5e5 / rate))
+    monkeypatch.setattr(bench, "metrics", lambda rate, start: dict.fromkeys(bench._NAMES, 5e5 / rate))
     with pytest.raises(PartlyError, match="there is no C compiler") as error:
         bench.run()
     assert {row.ratio for row in error.value.rows} == {0.5}
@@ -66,7 +66,7 @@ def test_a_loop_answers_the_sensor_within_a_period_and_its_work(
     start: Callable[[int], bench.Start], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(bench.FRAMES, 100, 5)
-    found = bench.figures(100, start(100))
+    found = bench.metrics(100, start(100))
     assert 0.0 < found["p50"] <= found["p99"] < 1e6 * bench._ANSWER
 
 

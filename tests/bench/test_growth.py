@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bench import growth
-from srl.runtime.ipc.words import Cause
+from srl.runtime.ipc.header import Cause
 from srl.runtime.loop.machine import Fault
 from srl.runtime.profile import profile, wiring
 
@@ -20,9 +20,9 @@ def test_a_profile_is_as_large_as_it_says(limbs: int, servos: int) -> None:
 @pytest.mark.slow
 def test_every_limb_moves_at_its_bus_and_one_that_stops_is_an_error() -> None:
     with growth._system(2, 1) as system:
-        before = system.told
+        before = system.reported
         growth._block({1: system})
-        assert system.told > before
+        assert system.reported > before
         system._cycle.machine.stop(Fault(Cause.REQUEST))
         with pytest.raises(RuntimeError, match="2 limbs have stopped"):
             growth._block({1: system})

@@ -66,9 +66,9 @@ def test_a_bench_that_fails_is_said_and_the_others_go_on(
     _only(monkeypatch, "raises", "exits", "crashes", "commands", "partly", "good")
     monkeypatch.setattr(sys, "argv", ["bench", "--json"])
     assert command.main() == 1
-    said = json.loads(capsys.readouterr().out)
-    assert [row["id"] for row in said["benches"]] == ["good", "good"]  # of `partly` as well
-    failed = said["failed"]
+    output = json.loads(capsys.readouterr().out)
+    assert [row["id"] for row in output["benches"]] == ["good", "good"]  # of `partly` as well
+    failed = output["failed"]
     assert set(failed) == {"raises", "exits", "crashes", "commands", "partly"}
     assert failed["raises"] == "ValueError: the twin said nothing"
     assert failed["exits"] == "nothing is compiled here"

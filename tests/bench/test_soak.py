@@ -30,8 +30,8 @@ def test_a_leak_and_a_descriptor_that_stays_open_are_seen() -> None:
     line = watched.judged(warm_up=10.0)
     assert line is not None
     assert (line.first_half, line.second_half) == pytest.approx((3600.0, 3600.0), rel=0.2)
-    assert line.open_ended == line.open_begun + 1
-    assert line.open_most == line.open_begun + 2
+    assert line.open_ended == line.open_started + 1
+    assert line.open_most == line.open_started + 2
     assert line.main > 0.5 * 60 * (1 << 20) / os.sysconf("SC_PAGE_SIZE")
     assert watched.judged(warm_up=38.0) is None
 

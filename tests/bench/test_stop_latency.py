@@ -10,7 +10,7 @@ import pytest
 
 from bench import stop_latency
 from bench.pty_arm import STOP
-from bench.stop_latency import PATIENCE, Trial
+from bench.stop_latency import TIMEOUT, Trial
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ class Clock:
 
 def test_a_host_that_stood_still_is_no_failure(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
     # Whoever runs first after it is this process, of the highest priority: the supervisor had no time at all.
-    monkeypatch.setattr(stop_latency, "time", Clock(2 * PATIENCE, lambda: os.write(trial._slave, STOP)))
+    monkeypatch.setattr(stop_latency, "time", Clock(2 * TIMEOUT, lambda: os.write(trial._slave, STOP)))
     trial.until_stopped()
     assert trial.stop
 
@@ -50,7 +50,7 @@ def test_a_host_that_stood_still_is_no_failure(trial: Trial, monkeypatch: pytest
 def test_a_stop_that_never_comes_is_said_with_the_processes_states(
     trial: Trial, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stop_latency, "PATIENCE", 0.05)
+    monkeypatch.setattr(stop_latency, "TIMEOUT", 0.05)
     trial.supervisor = os.getpid()
     with pytest.raises(TimeoutError, match=r"supervisor R in .*, loop gone, 0 commands"):
         trial.until_stopped()

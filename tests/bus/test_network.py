@@ -158,10 +158,10 @@ def test_what_is_far_too_long_isnt_taken_in_and_the_rest_is(lab: Lab) -> None:
 
 @pytest.mark.slow
 def test_a_connection_ends_with_its_certificate(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    begun = certificates._begun
+    started = certificates._started
 
     def short(*given: Any) -> x509.CertificateBuilder:
-        made = begun(*given)
+        made = started(*given)
         made._not_valid_after = None
         return made.not_valid_after(datetime.datetime.now(datetime.UTC) + datetime.timedelta(seconds=3))
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from srl.runtime.bus.process import APPENDED, SELDOM, SOON, next_look
-from srl.runtime.ipc.words import CYCLE
+from srl.runtime.ipc.header import CYCLE
 
 
 def _row(cycle: int, write: int) -> np.ndarray:

@@ -23,9 +23,9 @@ from srl.runtime.bus import session
 from srl.runtime.bus.client import connect
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc import run_folder
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.requests import RequestKind
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import State
 from srl.runtime.messages import cdr, messages
 
 PULL = "object-mapping.pull"
@@ -124,13 +124,13 @@ def test_start_stop_reset(one: Instance) -> None:
 
 
 def test_a_change_of_state_is_told_at_once(one: Instance) -> None:
-    told: list[str] = []
-    subscriber = one.client.subscribe_status(lambda s: told.append(s["message"]))
+    reported: list[str] = []
+    subscriber = one.client.subscribe_status(lambda s: reported.append(s["message"]))
     for name in ("start", "stop", "reset"):
         one.client.command(name)
-    until(lambda: told and told[-1] == "active")
+    until(lambda: reported and reported[-1] == "active")
     subscriber.undeclare()
-    assert "stopped: stopped on request" in told
+    assert "stopped: stopped on request" in reported
 
 
 def test_parameters(one: Instance) -> None:
@@ -139,13 +139,13 @@ def test_parameters(one: Instance) -> None:
     assert (found["value"], found["lower"], found["upper"], found["unit"]) == (2.5, 0.0, 5.0, "N")
     assert list(one.client.parameters()) == [PULL]
     taken = len(one.run.taken)
-    for value, said in (
+    for value, output in (
         (float("nan"), "NaN"),
         (float("inf"), "infinite"),
         (5.01, "out of bounds"),
         (-1, "0 to 5 N"),
     ):
-        with pytest.raises(RequestError, match=said):
+        with pytest.raises(RequestError, match=output):
             one.client.set_param(PULL, value)
     assert len(one.run.taken) == taken
     assert one.client.get_param(PULL)["value"] == 2.5
@@ -201,18 +201,18 @@ def test_an_instance_is_found_by_its_name_in_the_services_folder(
 def test_a_setpoint_that_is_read_is_described(one: Instance) -> None:
     (answer,) = _ask(one, "srl/sixth_finger/setpoint/client/force")
     assert answer.ok is not None
-    told = json.loads(answer.ok.payload.to_bytes())
-    assert (told["ok"], told["name"], told["shape"], told["unit"]) == (True, "client.force", [3], "N")
-    assert told["max_age"] == 0.5
+    reported = json.loads(answer.ok.payload.to_bytes())
+    assert (reported["ok"], reported["name"], reported["shape"], reported["unit"]) == (True, "client.force", [3], "N")
+    assert reported["max_age"] == 0.5
 
 
 def test_nothing_is_said_to_be_well_before_a_first_setpoint_has_arrived(own: Instance) -> None:
-    said = own.client.status()["devices"]["client"]
-    assert (said["message"], said["level"]) == ("no setpoint yet", 1)
+    output = own.client.status()["devices"]["client"]
+    assert (output["message"], output["level"]) == ("no setpoint yet", 1)
     own.client.setpoint("client.force", [1.0, 2.0, 3.0], answer=True)
     assert own.run.setpoints  # the answer came after the loop had it
-    said = until(lambda: (d := own.client.status()["devices"]["client"])["level"] == 0 and d)
-    assert said["message"] == "connected"
+    output = until(lambda: (d := own.client.status()["devices"]["client"])["level"] == 0 and d)
+    assert output["message"] == "connected"
 
 
 def test_many_requests_at_once_are_all_answered(one: Instance) -> None:
@@ -381,6 +381,6 @@ def test_it_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
 
 def test_a_run_directory_that_is_none_is_said(tmp_path: Path) -> None:
     process = spawn(RunFolder(tmp_path), stderr=subprocess.PIPE)
-    _, said = process.communicate(timeout=30)
+    _, output = process.communicate(timeout=30)
     assert process.returncode == 2
-    assert b"Traceback" not in said
+    assert b"Traceback" not in output

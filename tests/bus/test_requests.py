@@ -13,11 +13,11 @@ import pytest
 from helpers.bus import layout
 
 from srl.runtime.bus.arrivals import ASIDE, QUERIES, SAMPLES, Arrivals
-from srl.runtime.bus.requests import PATIENCE, UNDERWAY, WAITING, Requests
+from srl.runtime.bus.requests import TIMEOUT, UNDERWAY, WAITING, Requests
 from srl.runtime.bus.status import Counts
+from srl.runtime.ipc.header import CYCLE, DEVICE, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
 from srl.runtime.ipc.row import Row
-from srl.runtime.ipc.words import CYCLE, DEVICE, Latch, Origin, State
 from srl.runtime.profile.keys import Keys
 
 
@@ -151,7 +151,7 @@ def test_a_setpoint_that_the_loop_does_not_take_is_not_said_to_be_taken(
     query = desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
     desk.turn()
     now = time.monotonic_ns()
-    monkeypatch.setattr(time, "monotonic_ns", lambda: now + 2 * PATIENCE)
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now + 2 * TIMEOUT)
     desk.turn()
     assert "the loop gave no answer" in query.answers[0]["error"]
     assert query.dropped == 1
@@ -168,7 +168,7 @@ def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
 
 
 @pytest.mark.parametrize(
-    ("answer", "said"),
+    ("answer", "output"),
     [
         (Answer.REFUSED_STATE, "not possible while stopped"),
         (Answer.REFUSED_FAULT, "still there"),
@@ -179,11 +179,11 @@ def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
         (Answer.OVERTAKEN, "a stop came after it"),
     ],
 )
-def test_every_answer_of_the_loop_has_words(desk: Desk, answer: Answer, said: str) -> None:
+def test_every_answer_of_the_loop_has_words(desk: Desk, answer: Answer, output: str) -> None:
     query = desk.ask(desk.keys.command("reset"))
     desk.turn(1, RequestKind.RESET, answer)
     assert query.dropped == 1
-    assert said in query.answers[0]["error"]
+    assert output in query.answers[0]["error"]
     assert query.answers[0]["state"] == "stopped"
 
 

@@ -10,8 +10,8 @@ from helpers.bus import Run, reach, spawn
 
 from srl.runtime.cli import top
 from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.header import Latch
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import Latch
 
 
 @pytest.fixture

@@ -13,13 +13,13 @@ from srl.runtime.profile import profile
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """What both commands say, without their own names; they must say the same."""
-    said = []
+    output = []
     for command in ("check", "run"):
         assert main([command, *arguments]) == 2, command
-        said.append(capsys.readouterr().err.removeprefix(f"srl {command}: "))
-    assert said[0] == said[1]
-    assert "Traceback" not in said[0]
-    return said[0]
+        output.append(capsys.readouterr().err.removeprefix(f"srl {command}: "))
+    assert output[0] == output[1]
+    assert "Traceback" not in output[0]
+    return output[0]
 
 
 @pytest.fixture(autouse=True)
@@ -47,8 +47,8 @@ def test_a_glove_calibration(
     file = tmp_path / "hand.yaml"
     if text is not None:
         file.write_text(text)
-    said = refused(["sixth-finger", "--set", f"{GLOVE}={file}"], capsys)
-    assert all(word in said for word in words), said
+    output = refused(["sixth-finger", "--set", f"{GLOVE}={file}"], capsys)
+    assert all(word in output for word in words), output
 
 
 @pytest.mark.parametrize(
@@ -58,9 +58,9 @@ def test_a_persons_calibration_that_is_incomplete(
     name: str, key: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "own.json").write_text("{}")
-    said = refused([name, "--sim", "--set", f"{key}={tmp_path / 'own.json'}"], capsys)
-    assert "own.json" in said
-    assert "Calibrate again" in said
+    output = refused([name, "--sim", "--set", f"{key}={tmp_path / 'own.json'}"], capsys)
+    assert "own.json" in output
+    assert "Calibrate again" in output
 
 
 def test_a_recording_that_is_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,15 +73,15 @@ def test_a_recording_that_is_played(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_a_clock_that_is_no_device(capsys: pytest.CaptureFixture[str]) -> None:
-    said = refused(["sixth-finger", "--sim", "--set", "clock=globe"], capsys)
-    assert said == "--set clock: there is no device 'globe'. Did you mean 'glove'? Known: finger, glove, monotonic.\n"
+    output = refused(["sixth-finger", "--sim", "--set", "clock=globe"], capsys)
+    assert output == "--set clock: there is no device 'globe'. Did you mean 'glove'? Known: finger, glove, monotonic.\n"
 
 
 def test_a_pin_that_the_board_does_not_have(capsys: pytest.CaptureFixture[str]) -> None:
-    said = refused(["sixth-finger", "--set", "devices.finger.servos.abduction.pin=99"], capsys)
-    assert "devices.finger.servos.abduction.pin" in said
-    assert "an ATmega328P board" in said
-    assert "not 99" in said
+    output = refused(["sixth-finger", "--set", "devices.finger.servos.abduction.pin=99"], capsys)
+    assert "devices.finger.servos.abduction.pin" in output
+    assert "an ATmega328P board" in output
+    assert "not 99" in output
 
 
 @pytest.fixture

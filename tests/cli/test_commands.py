@@ -46,49 +46,49 @@ def test_a_package_brings_its_command(capsys: pytest.CaptureFixture[str]) -> Non
     assert "greets the gadget" in capsys.readouterr().out
 
 
-def told(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+def reported(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
     try:
         code = main(arguments)
     except SystemExit as ended:
         code = int(str(ended.code))
-    said = capsys.readouterr()
-    return code, said.out + said.err
+    output = capsys.readouterr()
+    return code, output.out + output.err
 
 
 def test_one_that_can_t_be_used_is_named_and_disturbs_no_other(
     package: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (package / "gadget_commands.py").write_text("import no_such_thing")
-    code, said = told(["gadget", "you"], capsys)
+    code, output = reported(["gadget", "you"], capsys)
     assert code == 2
-    assert "no_such_thing" in said
-    code, said = told(["--help"], capsys)
+    assert "no_such_thing" in output
+    code, output = reported(["--help"], capsys)
     assert code == 0
-    assert "can't be used" in " ".join(said.split())
+    assert "can't be used" in " ".join(output.split())
     (package / "gadget_commands.py").write_text("COMMANDS = {}")
-    code, said = told(["gadget", "you"], capsys)
+    code, output = reported(["gadget", "you"], capsys)
     assert code == 2
-    assert "has no COMMANDS with 'gadget'" in said
+    assert "has no COMMANDS with 'gadget'" in output
 
 
 @pytest.mark.parametrize("text", ["1 / 0", "COMMANDS = ['gadget']", "raise SystemError('x')"])
 def test_whatever_one_does_the_others_work(package: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
     (package / "gadget_commands.py").write_text(text)
-    assert told(["--help"], capsys)[0] == 0
-    assert told(["study", "--help"], capsys)[0] == 0
-    code, said = told(["gadget"], capsys)
+    assert reported(["--help"], capsys)[0] == 0
+    assert reported(["study", "--help"], capsys)[0] == 0
+    code, output = reported(["gadget"], capsys)
     assert code == 2
-    assert "Traceback" not in said
+    assert "Traceback" not in output
 
 
 def test_a_name_that_is_taken_disturbs_no_other(package: Path, capsys: pytest.CaptureFixture[str]) -> None:
     points = package / "gadget-1.dist-info" / "entry_points.txt"
     points.write_text("[srl.commands]\nrun = gadget_commands\njog = gadget_commands\n")
-    assert "runs a profile" in told(["--help"], capsys)[1]
-    assert told(["study", "--help"], capsys)[0] == 0
-    code, said = told(["jog", "--help"], capsys)
+    assert "runs a profile" in reported(["--help"], capsys)[1]
+    assert reported(["study", "--help"], capsys)[0] == 0
+    code, output = reported(["jog", "--help"], capsys)
     assert code == 2
-    assert "is claimed by" in said
+    assert "is claimed by" in output
 
 
 # The names from before

@@ -12,20 +12,20 @@ import argcomplete
 import pytest
 
 from srl.runtime.contracts import registry
-from srl.runtime.profile import shelf
+from srl.runtime.profile import library
 
 ROOT = Path(__file__).parents[2]
 
 
 def offered(line: str, tmp_path: Path) -> set[str]:
     """What a shell would offer at the end of a line, asked as argcomplete's shell functions ask."""
-    said = tmp_path / "said"
+    output = tmp_path / "said"
     variables = {
-        "_ARGCOMPLETE": "1", "_ARGCOMPLETE_SHELL": "bash", "_ARGCOMPLETE_STDOUT_FILENAME": str(said),
+        "_ARGCOMPLETE": "1", "_ARGCOMPLETE_SHELL": "bash", "_ARGCOMPLETE_STDOUT_FILENAME": str(output),
         "_ARGCOMPLETE_IFS": "\n", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9",
     }  # fmt: skip
     subprocess.run([sys.executable, "-m", "srl"], env=os.environ | variables, timeout=100, check=True, cwd=tmp_path)
-    return {word.strip() for word in said.read_text().split("\n")}
+    return {word.strip() for word in output.read_text().split("\n")}
 
 
 @pytest.mark.slow
@@ -37,7 +37,7 @@ def test_commands_and_their_options_are_offered(tmp_path: Path) -> None:
 def test_a_profile_is_offered_by_its_name_and_as_a_file(tmp_path: Path) -> None:
     (tmp_path / "sixth-mine.yaml").touch()
     (tmp_path / "sixth-notes.txt").touch()
-    shipped = {name for name in shelf.shipped() if name.startswith("sixth")}
+    shipped = {name for name in library.shipped() if name.startswith("sixth")}
     assert shipped
     assert offered("srl check sixth", tmp_path) == shipped | {"sixth-mine.yaml"}
 

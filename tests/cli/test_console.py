@@ -79,9 +79,11 @@ def test_without_a_journal_the_line_is_written(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("into", "code", "said"), [("| true", 0, ""), ("> /dev/full", 2, "no room left on the disk")])
-def test_an_output_that_takes_nothing_is_no_traceback(into: str, code: int, said: str) -> None:
+@pytest.mark.parametrize(
+    ("into", "code", "output"), [("| true", 0, ""), ("> /dev/full", 2, "no room left on the disk")]
+)
+def test_an_output_that_takes_nothing_is_no_traceback(into: str, code: int, output: str) -> None:
     line = f"set -o pipefail; {shlex.join(srl('list'))} {into}"
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
     assert done.returncode == code
-    assert (said in done.stderr) if said else done.stderr == ""
+    assert (output in done.stderr) if output else done.stderr == ""

@@ -59,6 +59,6 @@ def test_the_command_says_it_in_a_line(tmp_path: Path, capsys: pytest.CaptureFix
     arguments = ["run", "emg-station", "--record", str(record), "--person", "P08"]
     arguments += ["--set", f"controllers.0.calibration={shipped}"]
     assert main(arguments) == 2  # the device is real, the file a simulated person's
-    said = capsys.readouterr().err
-    assert "was made with P0, the run is P08's. Name P08's file in the profile, or calibrate P08" in said
+    output = capsys.readouterr().err
+    assert "was made with P0, the run is P08's. Name P08's file in the profile, or calibrate P08" in output
     assert not record.exists()

@@ -137,8 +137,8 @@ def waited(monkeypatch: pytest.MonkeyPatch, capsys: Capture, *plays: Callable[[]
 
     monkeypatch.setattr(time, "sleep", pause)
     assert main(["find-port", "--wait", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    return {what: [port["serial"] for port in found] for what, found in told.items()}
+    reported = json.loads(capsys.readouterr().out)
+    return {what: [port["serial"] for port in found] for what, found in reported.items()}
 
 
 @pytest.mark.parametrize("rests", [0, 1])
@@ -148,11 +148,11 @@ def test_a_port_that_was_there_for_one_look_is_told(
     """It came, and something took it away at once, as brltty does."""
     plugged.append(info("/dev/ttyS0", "2341:0043", "stays"))
     come = info(pty, "1a86:7523", "brief")
-    told = waited(monkeypatch, capsys, lambda: plugged.append(come), *[still] * rests, plugged.pop)
-    assert told["came"] == ["brief"]
-    assert "stays" not in told["went"]
+    reported = waited(monkeypatch, capsys, lambda: plugged.append(come), *[still] * rests, plugged.pop)
+    assert reported["came"] == ["brief"]
+    assert "stays" not in reported["went"]
     if not rests:
-        assert told["went"] == ["brief"]
+        assert reported["went"] == ["brief"]
 
 
 def test_a_port_that_was_away_for_one_look_is_told(
@@ -161,9 +161,9 @@ def test_a_port_that_was_away_for_one_look_is_told(
     """Who pulls a plug out and puts it in again at once has named the port."""
     port = info(pty, "2341:0043", "mine")
     plugged.extend([info("/dev/ttyS0", "2341:0043", "stays"), port])
-    told = waited(monkeypatch, capsys, plugged.pop, lambda: plugged.append(port))
-    assert told["went"] == ["mine"]
-    assert "stays" not in told["came"]
+    reported = waited(monkeypatch, capsys, plugged.pop, lambda: plugged.append(port))
+    assert reported["went"] == ["mine"]
+    assert "stays" not in reported["came"]
 
 
 # Whose run it is

@@ -37,27 +37,27 @@ def _running(one: Instance, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     one.run_folder.release()
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     assert main(["set", *arguments]) == 0
     return capsys.readouterr().out
 
 
 def test_a_value_is_set_and_told_from_what_to_what(one: Instance, capsys: pytest.CaptureFixture[str]) -> None:
-    assert said(capsys, "sixth-finger", PULL, "2.5") == "sixth-finger: object-mapping.pull: 1 N -> 2.5 N (0 to 5)\n"
+    assert output(capsys, "sixth-finger", PULL, "2.5") == "sixth-finger: object-mapping.pull: 1 N -> 2.5 N (0 to 5)\n"
     assert one.client.get_param(PULL)["value"] == 2.5
-    said(capsys, "sixth-finger", "object_mapping.pull", "3")  # as it stands in the bus's keys
+    output(capsys, "sixth-finger", "object_mapping.pull", "3")  # as it stands in the bus's keys
     assert one.client.get_param(PULL)["value"] == 3.0
 
 
 @pytest.mark.parametrize("arguments", [[], ["sixth-finger"], ["sixth-finger", PULL]])
 def test_without_a_value_the_parameters_are_listed(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert said(capsys, *arguments) == "sixth-finger: object-mapping.pull: 1 N (0 to 5; default 1): pull\n"
+    assert output(capsys, *arguments) == "sixth-finger: object-mapping.pull: 1 N (0 to 5; default 1): pull\n"
 
 
 def test_as_json(capsys: pytest.CaptureFixture[str]) -> None:
-    told = json.loads(said(capsys, "sixth-finger", PULL, "2", "--json"))
-    assert told["instance"] == "sixth-finger"
-    parameter = told["parameters"][PULL]
+    reported = json.loads(output(capsys, "sixth-finger", PULL, "2", "--json"))
+    assert reported["instance"] == "sixth-finger"
+    parameter = reported["parameters"][PULL]
     assert (parameter["before"], parameter["value"], parameter["lower"], parameter["upper"]) == (1.0, 2.0, 0.0, 5.0)
 
 

@@ -16,11 +16,11 @@ from srl.runtime.contracts.rotation import Pose, composed, inverted
 from srl.runtime.guard.limits import NAMES
 from srl.runtime.loop.guards import limits_of
 from srl.runtime.overview.overview import overview
-from srl.runtime.profile import profile, shelf, wiring
+from srl.runtime.profile import library, profile, wiring
 from srl.runtime.profile.connections import connections
 from srl.runtime.profile.graph import Graph
 
-TOLD = ("sixth-finger", "ikns-finger", "moca-man", "human-srl", "strap-jog")
+REPORT_EVERY = ("sixth-finger", "ikns-finger", "moca-man", "human-srl", "strap-jog")
 
 
 @cache
@@ -44,68 +44,68 @@ def pose(values: list[float]) -> Pose:
 # The text
 
 
-@pytest.mark.parametrize("name", TOLD)
+@pytest.mark.parametrize("name", REPORT_EVERY)
 def test_the_text_has_each_device_law_frame_and_limit(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     graph, _ = built(name)
-    said = shown(capsys, name)
-    words = " ".join(said.split())
+    output = shown(capsys, name)
+    words = " ".join(output.split())
     for device in graph.devices:
-        assert f"\n  {device.name}: {graph.profile.devices[device.name].driver}, " in said
+        assert f"\n  {device.name}: {graph.profile.devices[device.name].driver}, " in output
         for signal in (*device.states, *device.commands):
-            assert f" {device.name}.{signal.name}: {'x'.join(map(str, signal.shape))} {signal.unit}" in said
+            assert f" {device.name}.{signal.name}: {'x'.join(map(str, signal.shape))} {signal.unit}" in output
             assert ", ".join(signal.names) in words
     for number, (law, entry) in enumerate(zip(graph.laws, graph.profile.controllers, strict=True), 1):
-        assert f"\n  {number}. {law.controller.name} ({entry.use}): " in said
+        assert f"\n  {number}. {law.controller.name} ({entry.use}): " in output
         for port, wire in law.inputs.items():
-            assert f"reads {port:<14} <- {' + '.join(wire.far)}:" in said
+            assert f"reads {port:<14} <- {' + '.join(wire.far)}:" in output
         for port, wire in law.outputs.items():
-            assert f"{port} -> {' + '.join(wire.far)}:" in said
+            assert f"{port} -> {' + '.join(wire.far)}:" in output
         for parameter in law.controller.parameters:
-            assert f"live {law.controller.name}.{parameter.name}: {parameter.default:g}" in said
+            assert f"live {law.controller.name}.{parameter.name}: {parameter.default:g}" in output
     for frame in graph.profile.frames:
-        assert f" {frame}: " in said.partition("\nFRAMES\n")[2]
+        assert f" {frame}: " in output.partition("\nFRAMES\n")[2]
     for actuator in graph.actuators:
-        part = said.partition(f"guard {actuator.name}: ")[2].partition("\n  guard ")[0]
+        part = output.partition(f"guard {actuator.name}: ")[2].partition("\n  guard ")[0]
         assert f"stop: {actuator.category}" in part
         rows = {line.split()[0]: line for line in part.splitlines() if line.startswith("    ")}
         for limit in NAMES:
             values = getattr(limits_of(graph)[actuator.name], limit)
             for element, value in zip(actuator.command.names, np.ravel([] if values is None else values), strict=False):
-                told = f" {value:.6g}" if math.isfinite(value) else " none"
-                assert told in rows[element], (actuator.name, limit, element)
+                reported = f" {value:.6g}" if math.isfinite(value) else " none"
+                assert reported in rows[element], (actuator.name, limit, element)
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_the_text_fits_and_is_plain(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    said = shown(capsys, name)
-    assert max(map(len, said.splitlines())) <= 100
-    assert "\x1b" not in said
+    output = shown(capsys, name)
+    assert max(map(len, output.splitlines())) <= 100
+    assert "\x1b" not in output
 
 
 def test_one_part_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     heads = ("\nDEVICES\n", "\nWIRING\n", "\nFRAMES\n")
     for section, own in zip(("devices", "wiring", "frames"), heads, strict=True):
-        said = shown(capsys, "sixth-finger", f"--{section}")
-        assert [head for head in heads if head in said] == [own]
+        output = shown(capsys, "sixth-finger", f"--{section}")
+        assert [head for head in heads if head in output] == [own]
 
 
 def test_what_stops_the_limb_and_what_lets_it_move_again(capsys: pytest.CaptureFixture[str]) -> None:
-    said = shown(
+    output = shown(
         capsys, "moca-man", "--wiring", "--set", "emergency=[{signal: panel.buttons, element: P, category: damp}]",
         "--set", "reset.inputs=[{signal: panel.buttons, element: G}]",
     )  # fmt: skip
-    assert "emergency panel.buttons[P] at 1: damp" in said
-    assert "intent loss, sensor lost, or older than 0.1 s: each command's own stop" in said
-    assert "overruns within 1 s: 20 tolerated, 200 stop" in said
-    assert "reset by panel.buttons[G] at 1" in said
+    assert "emergency panel.buttons[P] at 1: damp" in output
+    assert "intent loss, sensor lost, or older than 0.1 s: each command's own stop" in output
+    assert "overruns within 1 s: 20 tolerated, 200 stop" in output
+    assert "reset by panel.buttons[G] at 1" in output
     assert "no emergency input" in shown(capsys, "moca-man", "--wiring")
 
 
 def test_what_it_keeps_clear_of_and_joints_that_slide(capsys: pytest.CaptureFixture[str]) -> None:
-    said = shown(capsys, "human-srl", "--wiring")
-    assert "keeps clear (body-clearance)" in said
-    assert "lag 0.03 s, tracking 0.02" in said
-    assert "    J5  0 m    0.1 m  0.08 m/s  0.4 m/s^2" in said
+    output = shown(capsys, "human-srl", "--wiring")
+    assert "keeps clear (body-clearance)" in output
+    assert "lag 0.03 s, tracking 0.02" in output
+    assert "    J5  0 m    0.1 m  0.08 m/s  0.4 m/s^2" in output
 
 
 def test_the_base_is_bound_by_the_drivers_limit_where_that_is_narrower() -> None:
@@ -117,24 +117,24 @@ def test_the_base_is_bound_by_the_drivers_limit_where_that_is_narrower() -> None
 
 
 def test_a_rotation_is_shown_as_the_profile_gives_it(capsys: pytest.CaptureFixture[str]) -> None:
-    said = shown(capsys, "moca-man", "--frames", "--set", "frames.tool.rpy=[0, 0, 0.5]")
-    assert "tool: in arm/flange, fixed: position 0, 0, 0.1 m, rpy 0, 0, 0.5 rad" in said
-    assert "quaternion 0.70711, 0, 0.70711, 0 (rpy 0, 1.5708, 0 rad)" in " ".join(said.split())
-    assert "base: in world, measured by base.pose (believed up to 10 m/s)" in said
-    assert "arm/flange: moves with the joints of arm" in said
+    output = shown(capsys, "moca-man", "--frames", "--set", "frames.tool.rpy=[0, 0, 0.5]")
+    assert "tool: in arm/flange, fixed: position 0, 0, 0.1 m, rpy 0, 0, 0.5 rad" in output
+    assert "quaternion 0.70711, 0, 0.70711, 0 (rpy 0, 1.5708, 0 rad)" in " ".join(output.split())
+    assert "base: in world, measured by base.pose (believed up to 10 m/s)" in output
+    assert "arm/flange: moves with the joints of arm" in output
 
 
 def test_simulated_parts_stand_where_the_profile_says(capsys: pytest.CaptureFixture[str]) -> None:
-    said = shown(capsys, "ikns-finger", "--sim", "--frames")
-    assert "  room: root\n      simulated part wearer (upper-body) at 0, 0, 1.1 m\n" in said
-    assert "    wearer/right_forearm: body of the simulated part wearer\n        simulated part finger" in said
+    output = shown(capsys, "ikns-finger", "--sim", "--frames")
+    assert "  room: root\n      simulated part wearer (upper-body) at 0, 0, 1.1 m\n" in output
+    assert "    wearer/right_forearm: body of the simulated part wearer\n        simulated part finger" in output
     assert "simulated part" not in shown(capsys, "ikns-finger", "--frames")
 
 
 # JSON
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_json_has_all_that_is_wired(name: str) -> None:
     graph, found = built(name)
     assert [device["name"] for device in found["devices"]] == [device.name for device in graph.devices]
@@ -198,7 +198,7 @@ def test_frames_agree_with_the_transforms_that_laws_are_given(name: str) -> None
                 assert list(law.controller.transform[each.need.name]) == pytest.approx(each.pose)
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_each_frame_is_its_parents_turned_and_moved_by_its_own_numbers(name: str) -> None:
     _, found = built(name)
     before: dict[str, dict[str, Any]] = {}
@@ -247,11 +247,11 @@ def test_a_recorded_arms_flange_is_still_a_link() -> None:
 def test_it_refuses_what_a_check_refuses_in_the_same_words(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = []
+    output = []
     for command in ("check", "show"):
         assert main([command, *arguments]) == 2
-        said.append(capsys.readouterr().err.removeprefix(f"srl {command}: "))
-    assert said[0] == said[1]
+        output.append(capsys.readouterr().err.removeprefix(f"srl {command}: "))
+    assert output[0] == output[1]
 
 
 @pytest.mark.parametrize(
@@ -271,9 +271,9 @@ def test_options_that_cant_be(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["show", "sixth-finger", *arguments]) == 2
-    told = capsys.readouterr()
-    assert words in told.err
-    assert told.out == ""
+    reported = capsys.readouterr()
+    assert words in reported.err
+    assert reported.out == ""
     assert not list(tmp_path.iterdir())
 
 
@@ -284,8 +284,8 @@ def test_it_says_how_a_run_begins(capsys: pytest.CaptureFixture[str]) -> None:
     """As `srl run` decides it: not the profile's word alone."""
     assert "start manual\n" in shown(capsys, "human-srl")
     assert "start auto\n" in shown(capsys, "human-srl", "--sim")  # of `sim.start`
-    said = " ".join(shown(capsys, "sixth-finger").split())
-    assert "start auto, but finger.position_command has no position feedback: it waits for `srl start`" in said
+    output = " ".join(shown(capsys, "sixth-finger").split())
+    assert "start auto, but finger.position_command has no position feedback: it waits for `srl start`" in output
     assert "no position feedback" not in shown(capsys, "sixth-finger", "--sim")
     assert main(["check", "human-srl", "--sim"]) == 0
     assert "start auto\n" in capsys.readouterr().out
@@ -293,19 +293,19 @@ def test_it_says_how_a_run_begins(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_bounds_of_motors_are_shown_before_the_device_is_open(capsys: pytest.CaptureFixture[str]) -> None:
     for simulated in ([], ["--sim"]):
-        said = shown(capsys, "servo-jog", "--wiring", *simulated)
-        assert "    proximal  -1.2   1.2    1         5\n" in said
-        assert "no bound of the position" not in said
-    said = shown(capsys, "servo-jog", "--set", "devices.finger.motors.distal={id: 2, model: MX-28, upper: 0.5}")
-    assert "    distal    none   0.5    1         5\n" in said
-    said = shown(capsys, "servo-jog", "--set", "devices.finger.motors={proximal: {id: 1, model: MX-28}, "
+        output = shown(capsys, "servo-jog", "--wiring", *simulated)
+        assert "    proximal  -1.2   1.2    1         5\n" in output
+        assert "no bound of the position" not in output
+    output = shown(capsys, "servo-jog", "--set", "devices.finger.motors.distal={id: 2, model: MX-28, upper: 0.5}")
+    assert "    distal    none   0.5    1         5\n" in output
+    output = shown(capsys, "servo-jog", "--set", "devices.finger.motors={proximal: {id: 1, model: MX-28}, "
                  "distal: {id: 2, model: MX-28}}")  # fmt: skip
-    assert "no bound of the position before the device is open" in said
+    assert "no bound of the position before the device is open" in output
 
 
 def test_what_a_text_hides_from_a_terminal_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    said = shown(capsys, "servo-jog", "--set", 'summary="bring-up\\e[2K\\e[1A\\x07 of \\u202ea finger"')
-    assert said.startswith("servo-jog: bring-up\\x1b[2K\\x1b[1A\\x07 of \\u202ea finger\n")
+    output = shown(capsys, "servo-jog", "--set", 'summary="bring-up\\e[2K\\e[1A\\x07 of \\u202ea finger"')
+    assert output.startswith("servo-jog: bring-up\\x1b[2K\\x1b[1A\\x07 of \\u202ea finger\n")
     assert "sechster Finger für Zoë" in shown(capsys, "servo-jog", "--set", "summary=sechster Finger für Zoë")
 
 
@@ -318,6 +318,6 @@ def test_a_deep_tree_and_long_names_stay_readable(
     for old in ("finger:\n    driver", "finger.", "{finger:"):
         text = text.replace(old, old.replace("finger", device))
     (tmp_path / "deep.yaml").write_text(text.partition("sim:")[0] + f"frames:\n{chain}")
-    said = shown(capsys, "deep.yaml")
-    assert max(map(len, said.splitlines())) <= 100
-    assert f"\n{' ' * 42}f59: in f58, fixed: position 0, 0, 0 m, not turned\n" in said
+    output = shown(capsys, "deep.yaml")
+    assert max(map(len, output.splitlines())) <= 100
+    assert f"\n{' ' * 42}f59: in f58, fixed: position 0, 0, 0 m, not turned\n" in output

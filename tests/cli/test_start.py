@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from srl.commissioning.calibration.order import LAWS
+from srl.commissioning.calibration.request import LAWS
 from srl.commissioning.calibration.session import method_of
 from srl.runtime.cli import COMMANDS, main, others
 
@@ -37,16 +37,16 @@ def test_what_only_tells_loads_no_library(asked: str) -> None:
         f"print('loaded:', *sorted({_NEVER} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
-    *told, loaded = done.stdout.splitlines()
-    assert told
+    *reported, loaded = done.stdout.splitlines()
+    assert reported
     assert loaded == "loaded:"
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
-    told = capsys.readouterr().out
-    assert all(f"\n    {name}" in told for name in (*COMMANDS, *others.commands()))
+    reported = capsys.readouterr().out
+    assert all(f"\n    {name}" in reported for name in (*COMMANDS, *others.commands()))
 
 
 def test_every_command_is_registered_by_its_module(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,8 +20,8 @@ from srl.runtime.cli import main
 from srl.runtime.cli.console import Console
 from srl.runtime.cli.status import Status, working
 from srl.runtime.ipc.events import Level
+from srl.runtime.ipc.header import CYCLE, Cause, Latch, State
 from srl.runtime.ipc.ring import RingReader, RingWriter
-from srl.runtime.ipc.words import CYCLE, Cause, Latch, State
 from srl.runtime.service.summary import Summary
 
 
@@ -29,7 +29,7 @@ def test_it_says_what_keeps_the_stop(tmp_path: Path, capfd: pytest.CaptureFixtur
     made = layout("sixth-finger", 100)
     with RingWriter.create(tmp_path / "rows.ring", made.width, 8) as ring:
         words = np.zeros(made.width, np.int64)
-        words[[CYCLE.state, CYCLE.cause, CYCLE.culprit]] = State.STOPPED, Cause.REQUEST, -1
+        words[[CYCLE.state, CYCLE.cause, CYCLE.fault_source]] = State.STOPPED, Cause.REQUEST, -1
         words[CYCLE.latches] = Latch.PERSON | Latch.FAULT
         ring.append(words)
         summary = Summary(made, RingReader(tmp_path / "rows.ring"))
@@ -47,10 +47,10 @@ class Screen:
 
     def text(self) -> str:
         self.stream.flush()
-        said = b""
+        output = b""
         while select.select([self._master], [], [], 0)[0]:
-            said += os.read(self._master, 4096)
-        return said.decode()
+            output += os.read(self._master, 4096)
+        return output.decode()
 
     def close(self) -> None:
         self.stream.close()
@@ -88,12 +88,12 @@ def test_no_sign_of_life_without_a_terminal_or_beside_json(screen: Screen, capfd
 def test_a_command_at_work_says_so_on_a_terminal(screen: Screen, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", screen.stream)
     monkeypatch.setenv("TERM", "xterm")
-    said = ""
+    output = ""
 
     def more() -> str:
-        nonlocal said
-        said += screen.text()
-        return said
+        nonlocal output
+        output += screen.text()
+        return output
 
     with working("run.rrd is replayed"):
         until(lambda: "run.rrd is replayed" in more())
@@ -125,12 +125,12 @@ def test_a_run_shows_on_a_terminal_that_it_begins(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "srl", "run", "finger-jog", "--sim", "--duration", "1.5"]
     run = subprocess.Popen(command, env=environment, stderr=slave, stdout=subprocess.DEVNULL)
     os.close(slave)
-    said = b""
+    output = b""
     with contextlib.suppress(OSError):  # the other side is closed
         while data := os.read(master, 4096):
-            said += data
+            output += data
     os.close(master)
-    assert run.wait(100) == 0, said
-    text = said.decode()
+    assert run.wait(100) == 0, output
+    text = output.decode()
     assert text.index("finger-jog: its parts are put together") < text.index("finger-jog: the devices are opened, 0 s")
     assert text.index("the devices are opened") < text.index("ACTIVE")

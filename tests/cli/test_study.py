@@ -39,9 +39,9 @@ def test_what_came_out_is_kept_where_it_can_be_and_printed_in_any_case(
     kept.mkdir()
     capsys.readouterr()
     assert main(["study", "peg-in-hole", "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr()
-    assert "force N" in said.out
-    assert "result.json can't be written" in said.err
+    output = capsys.readouterr()
+    assert "force N" in output.out
+    assert "result.json can't be written" in output.err
 
 
 @pytest.mark.parametrize(

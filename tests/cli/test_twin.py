@@ -62,15 +62,15 @@ def test_both_devices_with_faults_and_log(tmp_path: Path):
         until(lambda: not finger._waiting, lambda: finger.read(time.monotonic_ns()))
         finger.close()
         glove.close()
-    assert twin.process.returncode == 0, twin.said
+    assert twin.process.returncode == 0, twin.output
     assert not (tmp_path / "glove").is_symlink()
-    assert twin.figures["finger"]["connects"] == 2
+    assert twin.metrics["finger"]["connects"] == 2
     # By what was due in the twin's turn: on a busy machine that is a while ago.
-    assert twin.figures["finger"]["last_command_ns"] >= unplugged - twin.late * 1e9
+    assert twin.metrics["finger"]["last_command_ns"] >= unplugged - twin.late * 1e9
     rows = np.load(log)
     assert rows["world.finger_position"].shape == (len(rows["t"]), 4)
     np.testing.assert_allclose(np.diff(rows["t"]), 0.01, atol=0.2)
-    assert rows["finger.servo_ns"][-1] == twin.figures["finger"]["last_command_ns"]
+    assert rows["finger.servo_ns"][-1] == twin.metrics["finger"]["last_command_ns"]
     assert bytes(rows["glove.rx"]).startswith(b"^c\x03")
     assert len(rows["glove.sent_ns"]) >= 20
 
@@ -127,9 +127,9 @@ def test_a_control_line_that_is_wrong_is_answered_and_changes_nothing():
             assert twin.process.stdin is not None
             twin.process.stdin.write(wrong + "\n")
         assert twin.control("mute glove")["control"] == "mute"
-    for told in ("Verbs: close", "no twin 'thumb'", "can't do that", "expected VERB DEVICE"):
-        assert told in twin.said
-    assert json.dumps(twin.figures)
+    for reported in ("Verbs: close", "no twin 'thumb'", "can't do that", "expected VERB DEVICE"):
+        assert reported in twin.output
+    assert json.dumps(twin.metrics)
 
 
 class Laboured(World):
@@ -168,8 +168,8 @@ def test_a_machine_too_slow_for_the_world_leaves_no_client_without_service(monke
     late = cli_twin._Late()
     cli_twin._serve(Laboured(fake), {"device": device}, args, [], None, late)  # type: ignore[arg-type, dict-item]
     assert max(np.diff(served)) < 10_000_000
-    assert late.figures()["times"] == 1
-    assert late.figures()["most"] > 3.0
+    assert late.metrics()["times"] == 1
+    assert late.metrics()["most"] > 3.0
 
 
 @pytest.mark.slow
@@ -183,5 +183,5 @@ def test_a_twin_that_was_kept_from_running_says_so():
         frames = glove.health.frames
         until(lambda: glove.health.frames > frames + 20, lambda: glove.read(time.monotonic_ns()))
         glove.close()
-    assert "srl twin: late by" in twin.said
-    assert "a client may find them silent" in twin.said
+    assert "srl twin: late by" in twin.output
+    assert "a client may find them silent" in twin.output

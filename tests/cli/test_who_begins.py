@@ -18,9 +18,9 @@ def test_a_worn_arm_waits_unless_nothing_is_real(name: str, sim: list[str] | Non
 def test_a_limb_that_nothing_measures_waits_for_a_person_who_has_placed_it(
     sim: list[str] | None, confirmed: bool, begins: bool
 ) -> None:
-    found, said = automatic(wiring.build(*profile.load("sixth-finger"), sim), confirmed)
+    found, output = automatic(wiring.build(*profile.load("sixth-finger"), sim), confirmed)
     assert found is begins
-    assert ("no position feedback" in said) is not begins
+    assert ("no position feedback" in output) is not begins
 
 
 def test_a_device_that_is_named_twice_counts_once() -> None:

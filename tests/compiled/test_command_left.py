@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from srl.runtime.contracts.compiled import undone
 from srl.runtime.contracts.driver import Driver
-from srl.runtime.ipc.words import DEVICE
+from srl.runtime.ipc.header import DEVICE
 from srl.runtime.loop.device import Device
 
 pytestmark = needs_c

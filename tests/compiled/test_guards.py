@@ -16,8 +16,8 @@ from srl.runtime.guard.compiled import compile_guard
 
 pytestmark = needs_c
 DT = 1e-3
-FLAGS = ("rejected", "limited", "fallback", "reseated", "at_rest")
-COUNTS = ("rejections", "limitations", "fallbacks", "reseats")
+FLAGS = ("rejected", "limited", "fallback", "resynchronised", "at_rest")
+COUNTS = ("rejections", "limitations", "fallbacks", "resyncs")
 
 
 class Side:
@@ -59,10 +59,10 @@ def test_both_guards_do_the_same(kind: Kind, seed: int) -> None:
     sides = [Side(kind, n, given, measured, gravity, fast) for fast in (False, True)]
     fast, taken = sides[1].guard.fast, 0
     assert fast is not None
-    position, phase, told = np.zeros(n), rng.uniform(0, 6, n), kind is Kind.POSITION
+    position, phase, reported = np.zeros(n), rng.uniform(0, 6, n), kind is Kind.POSITION
     reach = {Kind.TORQUE: 12.0, Kind.VELOCITY: 2.0, Kind.POSITION: 0.15}[kind]
     # A position is followed at once, or planned, by how fast it moves; after a stop Python has it for a few cycles.
-    wild, speed = (0.03, [0.03e-3, 1e-3, 4e-3][seed % 3]) if told else (0.12, 4e-3)
+    wild, speed = (0.03, [0.03e-3, 1e-3, 4e-3][seed % 3]) if reported else (0.12, 4e-3)
     for k in range(250):
         chance = rng.random()
         values: dict[str, Array] = {
@@ -76,7 +76,7 @@ def test_both_guards_do_the_same(kind: Kind, seed: int) -> None:
             values[name][rng.integers(n)] = rng.choice(ODD)
         sent = sides[0].arrays["applied"] if rng.random() > wild else rng.normal(0, 1, n)
         values["sent"] = np.array(sent) if rng.random() > wild / 4 else np.full(n, np.nan)
-        left, blind = bool(rng.random() < 0.8), bool(rng.random() < wild / 4)
+        left, unmeasured = bool(rng.random() < 0.8), bool(rng.random() < wild / 4)
         dt = DT if rng.random() > wild else float(rng.choice([2 * DT, 0.0, 0.3]))
         act = "reset" if k == 0 or chance > 0.985 else "stop" if 0.5 < chance < 0.5 + wild / 2 else "step"
         category = Stop(rng.choice([s.value for s in Stop]))
@@ -85,16 +85,16 @@ def test_both_guards_do_the_same(kind: Kind, seed: int) -> None:
             guard = side.guard
             for name, value in values.items():
                 side.arrays[name][:] = value
-            guard.blind = blind
+            guard.unmeasured = unmeasured
             if act == "reset":
                 guard.reset(start)
                 continue
             with np.errstate(all="ignore"):
-                guard.reseat(left, dt)
+                guard.resynchronise(left, dt)
             if act == "stop":
                 guard.stop(category, DT)
             else:
-                guard.step(side.arrays["asked"], side.arrays["rate"] if told else None, dt)
+                guard.step(side.arrays["asked"], side.arrays["rate"] if reported else None, dt)
         position = position + DT * rng.normal(0, 1, n)
         taken += bool(getattr(fast, "_inside", False))
         a, b = (side.guard for side in sides)

@@ -87,7 +87,7 @@ def test_admittance(options: dict[str, Any], seed: int) -> None:
         pair.step(time(rng))
         assert pair.same_bits() if EXACT else pair.gap() < 1e-10, k
     pair.fast.leave()
-    assert pair.python.figures() == pair.c.figures()
+    assert pair.python.metrics() == pair.c.metrics()
     assert pair.fast.rare < 200  # most was computed in C
 
 
@@ -179,7 +179,7 @@ def test_moca_impedance(options: dict[str, Any], name: str) -> None:
         settle()
     pair.fast.leave()
     assert worst < 1e-10
-    a, b = pair.python.figures(), pair.c.figures()
+    a, b = pair.python.metrics(), pair.c.metrics()
     assert a["strongest_force_n"] == pytest.approx(b["strongest_force_n"], rel=1e-10)
     assert (a["held_back"], a["near_singular"]) == (b["held_back"], b["near_singular"])
     assert pair.fast.rare < 150
@@ -252,7 +252,7 @@ def test_kairos_clik(options: dict[str, Any], name: str) -> None:
                 assert difference(a, b) < 1e-10, (k, key)
             b[...] = a  # what each makes of the last bits must not add up
     pair.fast.leave()
-    a, b = pair.python.figures(), pair.c.figures()
+    a, b = pair.python.metrics(), pair.c.metrics()
     assert a["least_manipulability"] == pytest.approx(b["least_manipulability"], abs=1e-12)
     assert (a["near_singular"], a["slowed"]) == (b["near_singular"], b["slowed"])
     assert singular > 5

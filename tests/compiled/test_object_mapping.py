@@ -26,7 +26,8 @@ LONG = ExtraFinger(
 )
 OPTIONS: list[dict[str, Any]] = [
     {}, {"points": ("thumb", "index", "ring"), "deformation": "rigid"}, {"gain_limit": np.inf, "damping": 1e-6},
-    {"points": ("little", "thumb", "middle", "index"), "leash": 0.004}, {"fingers": (LONG,), "damping": 0.03},
+    {"points": ("little", "thumb", "middle", "index"), "max_following_error": 0.004},
+    {"fingers": (LONG,), "damping": 0.03},
 ]  # fmt: skip
 
 
@@ -34,9 +35,9 @@ def made(options: dict[str, Any]) -> ObjectMapping:
     return bound(ObjectMapping("mapping", ObjectMappingConfig.model_validate(options)), finger=WORN)
 
 
-def figures(pair: Pair) -> list[str]:
+def metrics(pair: Pair) -> list[str]:
     pair.fast.leave()
-    return [repr(law.figures()) for law in (pair.python, pair.c)]
+    return [repr(law.metrics()) for law in (pair.python, pair.c)]
 
 
 @pytest.mark.slow
@@ -68,7 +69,7 @@ def test_both_laws_do_the_same(seed: int, options: dict[str, Any], noise: float)
             q = q + rng.choice([1.0, 0.5, 0.0]) * (asked - q)
         elif rng.random() < 0.3:
             q = rng.uniform(-1.6, 1.6, n)
-    assert len(set(figures(pair))) == 1
+    assert len(set(metrics(pair))) == 1
 
 
 @pytest.mark.parametrize("options", [OPTIONS[0], OPTIONS[2]])
@@ -86,7 +87,7 @@ def test_most_cycles_of_a_closing_hand_are_computed_in_c(options: dict[str, Any]
         held += bool((np.abs(pair.python.output["q"]) > 1.57).any())
     assert pair.fast.rare < 60
     assert held > 20
-    assert len(set(figures(pair))) == 1
+    assert len(set(metrics(pair))) == 1
 
 
 def test_state_goes_to_c_and_back_without_loss() -> None:
@@ -104,7 +105,7 @@ def test_state_goes_to_c_and_back_without_loss() -> None:
             pair.fast.update(0.01)
         assert pair.same_bits()
         pair.give("q", pair.python.output["q"], "applied")
-    assert len(set(figures(pair))) == 1
+    assert len(set(metrics(pair))) == 1
 
 
 def test_a_law_that_reads_its_own_output_is_computed_in_c() -> None:

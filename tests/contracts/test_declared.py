@@ -9,7 +9,7 @@ import pytest
 
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.declared import declared
-from srl.runtime.profile import profile, shelf
+from srl.runtime.profile import library, profile
 
 
 @pytest.mark.parametrize(
@@ -20,15 +20,15 @@ def test_every_part_is_described_as_its_class_says(group: str, attributes: tuple
     for name in registry.names(group):
         part = registry.load(group, name, name)
         point = f"{part.__module__}:{part.__name__}"
-        said = {attribute: getattr(part, attribute) for attribute in attributes}
-        assert declared(point, attributes) == said, name
-        assert registry.describe(group, name, attributes) == said
+        output = {attribute: getattr(part, attribute) for attribute in attributes}
+        assert declared(point, attributes) == output, name
+        assert registry.describe(group, name, attributes) == output
 
 
 @pytest.mark.slow
 def test_every_profile_is_summed_up_as_it_says() -> None:
-    for name in shelf.shipped():
-        assert shelf.summary(name) == profile.load(name)[0].summary
+    for name in library.shipped():
+        assert library.summary(name) == profile.load(name)[0].summary
 
 
 @pytest.fixture
@@ -50,8 +50,8 @@ def test_names_bases_and_re_exports_are_followed(package: Path) -> None:
         "class Part(Base):\n    gives = words.NAMES\n    links = (LINE, 'x')\n"
     )
     (package / "again.py").write_text(f"from {package.name}.part import Part as Other\n")
-    said = declared(f"{package.name}.again:Other", ("summary", "gives", "takes", "links"))
-    assert said == {"summary": "of the base", "gives": ("a", "b"), "takes": (), "links": ("a line", "x")}
+    output = declared(f"{package.name}.again:Other", ("summary", "gives", "takes", "links"))
+    assert output == {"summary": "of the base", "gives": ("a", "b"), "takes": (), "links": ("a line", "x")}
     assert package.name not in sys.modules
 
 

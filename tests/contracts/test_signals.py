@@ -18,7 +18,7 @@ from srl.runtime.contracts.terms import WRENCH
 from srl.runtime.models.human_hand import SENSORS
 from srl.runtime.models.models import FingerModel
 from srl.runtime.models.robots import ARMS
-from srl.runtime.profile import profile, shelf, wiring
+from srl.runtime.profile import library, profile, wiring
 from srl.testing import check_controller, check_driver
 
 FAULTS: dict[str, tuple[dict[str, Any], str]] = {
@@ -40,8 +40,8 @@ NAMED: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("what", FAULTS)
 def test_what_has_no_names_is_told(what: str) -> None:
-    given, told = FAULTS[what]
-    with pytest.raises(AssertionError, match=told):
+    given, reported = FAULTS[what]
+    with pytest.raises(AssertionError, match=reported):
         assert not (fault := Signal(name="s", unit="1", **given).naming_fault()), fault
 
 
@@ -55,7 +55,7 @@ LIMITS = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "acceleration": 1.0}
 
 def law_of(name: str, folder: Path) -> Controller:
     """The law as a shipped profile has it, or with the least options."""
-    for shipped in shelf.shipped():
+    for shipped in library.shipped():
         if f"use: {name}\n" in profile.find(shipped)[1]:
             laws = [law.controller for law in wiring.build(*profile.load(shipped), []).laws]
             if found := [law for law in laws if isinstance(law, registry.load("controllers", name, "test"))]:
@@ -112,7 +112,7 @@ def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
         assert not signal.naming_fault(), signal.name
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_every_simulated_truth_names_its_elements(name: str) -> None:
     graph = wiring.build(*profile.load(name), [])
     assert graph.world is not None

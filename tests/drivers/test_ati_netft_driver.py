@@ -64,7 +64,7 @@ def test_the_wrench_is_what_pushes_the_handle(server, opened):
         settled(opened, at_sensor(server.world, *wrench))
     assert opened.health.message == "Ethernet Axia"
     assert opened.health.connected
-    assert opened.figures()["product"] == "Ethernet Axia"
+    assert opened.metrics()["product"] == "Ethernet Axia"
 
 
 def test_without_records_the_sample_grows_old(server, opened):
@@ -113,14 +113,14 @@ def test_the_latch_is_a_remark_and_recover_resets_it(server, opened):
     with server.paused():
         server.twin.threshold = 5.0
         push(server.world, 8.0, 0, 0, 0, 0, 0)
-    until(lambda: opened.figures()["latched"], lambda: read(opened))
+    until(lambda: opened.metrics()["latched"], lambda: read(opened))
     assert "latched" in opened.health.message
     fresh(opened)  # it still counts as good
     with server.paused():
         push(server.world, 1.0, 0, 0, 0, 0, 0)
     until(lambda: server.twin.counts_now()[0] < 2e6)
     opened.recover(time.monotonic_ns())
-    until(lambda: not opened.figures()["latched"], lambda: read(opened))
+    until(lambda: not opened.metrics()["latched"], lambda: read(opened))
     fresh(opened)
 
 
@@ -136,7 +136,7 @@ def test_the_latch_is_reset_at_opening_where_the_profile_says_so(server):
         ft = driver(server, reset_latch=reset)
         ft.open()
         fresh(ft)
-        assert ft.figures()["latched"] is not reset
+        assert ft.metrics()["latched"] is not reset
         ft.close()
 
 
@@ -145,7 +145,7 @@ def test_missing_records_are_counted():
         ft = driver(server)
         ft.open()
         until(lambda: ft.health.frames > 500, lambda: read(ft))
-        share = ft.figures()["missed"] / (ft.figures()["missed"] + ft.health.frames)
+        share = ft.metrics()["missed"] / (ft.metrics()["missed"] + ft.health.frames)
         assert 0.1 < share < 0.3
         ft.close()
 
@@ -155,9 +155,9 @@ def test_a_silent_stream_is_asked_for_again(server, opened):
     thief = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     host = address(server.twin.address, "test")
     thief.sendto(bytes.fromhex("1234000000000000"), (host.host, host.rdt))  # another program stops it
-    until(lambda: opened.figures()["asked_again"] >= 1, lambda: read(opened))
+    until(lambda: opened.metrics()["asked_again"] >= 1, lambda: read(opened))
     fresh(opened)
-    assert opened.figures()["rejected"] == 0
+    assert opened.metrics()["rejected"] == 0
     assert opened.health.reconnects == 0
     thief.close()
 
@@ -203,10 +203,10 @@ def test_bias_takes_the_load_for_zero_once_and_again_after_a_restart():
         ft = driver(server, bias=True)
         ft.open()
         settled(ft, np.zeros(6), 0.2)
-        assert server.twin.figures()["requests"]["BIAS"] == 1
+        assert server.twin.metrics()["requests"]["BIAS"] == 1
         ft.close()
         ft.open()  # the same sensor, still biased: not again
-        assert server.twin.figures()["requests"]["BIAS"] == 1
+        assert server.twin.metrics()["requests"]["BIAS"] == 1
         until(lambda: ft.health.frames > 400, lambda: read(ft))
         with server.paused():
             server.twin.power_cycle()
@@ -214,7 +214,7 @@ def test_bias_takes_the_load_for_zero_once_and_again_after_a_restart():
             until(lambda: False, lambda: read(ft))
         ft.open()
         settled(ft, np.zeros(6), 0.2)
-        assert server.twin.figures()["requests"]["BIAS"] == 2
+        assert server.twin.metrics()["requests"]["BIAS"] == 2
         ft.close()
 
 
@@ -345,8 +345,8 @@ def test_overtaken_and_repeated_records_are_thrown_away_and_gaps_counted():
     ft.open()
     sensor.send(rec(2, fx=2), rec(5, fx=5), rec(3, fx=3), rec(5, fx=5), rec(6, fx=6_000_000))
     until(lambda: ft.health.frames == 6, lambda: read(ft))
-    assert ft.figures()["missed"] == 2
-    assert ft.figures()["rejected"] == 2
+    assert ft.metrics()["missed"] == 2
+    assert ft.metrics()["rejected"] == 2
     assert ft.state_arrays["wrench"][0] == 6.0
     ft.close()
 
@@ -357,7 +357,7 @@ def test_the_sequence_wraps():
     ft.open()
     sensor.send(rec(2**32 - 1), rec(0), rec(1, fx=1_000_000))
     until(lambda: ft.health.frames == 4, lambda: read(ft))
-    assert (ft.figures()["missed"], ft.figures()["rejected"]) == (0, 0)
+    assert (ft.metrics()["missed"], ft.metrics()["rejected"]) == (0, 0)
     assert ft.state_arrays["wrench"][0] == 1.0
     ft.close()
 

@@ -140,7 +140,7 @@ def test_what_it_declares() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "output"),
     [
         ({"port": "tcp://192.168.0.200:7447"}, "unencrypted_network"),
         ({"port": "tls://192.168.0.200:7447"}, "tls"),
@@ -153,8 +153,8 @@ def test_what_it_declares() -> None:
         ({"namespace": "a b"}, "namespace"),
     ],
 )
-def test_bad_options_are_refused(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValidationError, match=said):
+def test_bad_options_are_refused(options: dict[str, Any], output: str) -> None:
+    with pytest.raises(ValidationError, match=output):
         BaseConfig(**({"port": "tcp://127.0.0.1:7447"} | options))
 
 

@@ -56,7 +56,7 @@ def test_a_killed_zenoh_process_is_lost_and_comes_back() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("options", "other", "said"),
+    ("options", "other", "output"),
     [
         ({}, {"message": "TwistStamped"}, "message: TwistStamped"),
         ({"middleware": "rmw_zenoh"}, {"message": "TwistStamped"}, "message: TwistStamped"),
@@ -67,10 +67,10 @@ def test_a_killed_zenoh_process_is_lost_and_comes_back() -> None:
     ],
 )
 def test_the_wrong_robot_is_refused(
-    options: dict[str, Any], other: dict[str, Any], said: str, monkeypatch: pytest.MonkeyPatch
+    options: dict[str, Any], other: dict[str, Any], output: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(driver, "FIRST", 1.5)
     with robot(robot=other, **options) as r, pytest.raises(DeviceError) as caught:
         r.base.open()
-    assert said in str(caught.value)
+    assert output in str(caught.value)
     assert caught.value.place == "base"

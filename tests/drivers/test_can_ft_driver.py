@@ -60,7 +60,7 @@ def test_the_wrench_is_what_pushes_the_handle(server, opened):
         with server.paused():
             push(server.world, *wrench)
         settled(opened, at_sensor(server.world, *wrench))
-    assert opened.figures() == {
+    assert opened.metrics() == {
         "model": "RFT64-SB01", "serial": "SIM0001", "firmware": "SIM 1.0", "overloads": 0, "asked_again": 0,
     }  # fmt: skip
     assert opened.health.message == "RFT64-SB01"
@@ -134,7 +134,7 @@ def test_a_loss_of_power_is_noticed_and_everything_set_again(server):
     with server.paused():
         server.twin.power_up()
         assert (server.twin.sensor.rate, server.twin.sensor.cutoff) == (200, 0)
-    until(lambda: ft.figures()["asked_again"], lambda: read(ft))
+    until(lambda: ft.metrics()["asked_again"], lambda: read(ft))
     fresh(ft)
     assert (server.twin.sensor.rate, server.twin.sensor.cutoff) == (500, 50)
     ft.close()

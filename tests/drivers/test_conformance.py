@@ -19,8 +19,8 @@ from helpers.under_guard import UnderGuard
 from helpers.wires import WIRES
 
 from srl.runtime.contracts.signals import Kind
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.requests import RequestKind
-from srl.runtime.ipc.words import State
 
 # Their motors know where they stand only within a part of a turn, so after a loss of power they must be parked.
 FORGETFUL = ("cubemars-servo", "mit-can-v2", "mit-can-v3", "odrive")
@@ -56,8 +56,8 @@ def moves_on(u, first):
     met = len(u.rows)
     u.run(0.3)
     u.judge()
-    assert not u.reseated(first - 50, first), "before"
-    assert not u.reseated(met), "once the wave was met again"
+    assert not u.resynchronised(first - 50, first), "before"
+    assert not u.resynchronised(met), "once the wave was met again"
 
 
 @wires(0, slow=MANY)
@@ -74,7 +74,7 @@ def test_in_normal_operation_the_guard_is_left_alone(under):
     command = u.setting.command
     assert max(np.diff([row.now for row in left])) <= command.period * 1e9
     assert (np.max([np.abs(row.sent - row.applied) for row in left], axis=0) <= command.resolution).all()
-    assert not u.reseated(first)
+    assert not u.resynchronised(first)
     u.judge()
 
 
@@ -93,7 +93,7 @@ def test_a_link_that_takes_nothing(under, seconds):
     assert valve.refused
     if u.state is State.ACTIVE:  # else the device has noticed it, or has stopped by itself
         assert np.abs(u.rows[-1].asked - before).max() > 3 * u.setting.spring, "the wave is far by now"
-        assert u.reseated(first), "the row shows it"
+        assert u.resynchronised(first), "the row shows it"
     valve.open()
     moves_on(u, first)
 

@@ -287,7 +287,7 @@ def test_a_glove_that_lost_its_settings_is_asked_again_once_a_second(make_glove)
     request = b"N\x16D\0U\x01S"
     until(lambda: len(glove.seen) - asked >= 2 * len(request))
     assert glove.seen[asked:] == 2 * request
-    assert device.figures()["restarts"] == 2
+    assert device.metrics()["restarts"] == 2
     assert "asked for again 2 times" in device.health.message
     glove.mute = False
     read_until(device, lambda: device.health.stamp > 2500 * MS, 2510 * MS)

@@ -17,8 +17,8 @@ def test_a_glove_whose_own_offsets_were_changed_is_refused() -> None:
     config, options, world, port = DEVICES["cyberglove"]
     order = {"driver": "cyberglove", "config": {"port": port} | config, "options": options, "world": world, "seed": 3}
     with TwinBench.of(make(order)[2]) as bench, bench.serving():
-        told = CyberGlove.who_is_at(bench.address)
-        (settings,) = re.findall(r", settings ([0-9a-f]{8})$", told)
+        reported = CyberGlove.who_is_at(bench.address)
+        (settings,) = re.findall(r", settings ([0-9a-f]{8})$", reported)
 
         def opened() -> None:
             glove = CyberGlove("glove", CyberGlove.Config(port=bench.address, settings=settings))

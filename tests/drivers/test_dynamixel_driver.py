@@ -47,8 +47,8 @@ def test_positions_are_reached_by_physics_with_a_delay_of_a_cycle(protocol):
         assert np.median(steps) == 10 * MS  # a sample in every cycle, but for those of a check
         assert steps.max() == 20 * MS
         assert rig.now - stamps[-1] == 20 * MS  # asked for in the write before the last read
-        figures = rig.twin.figures()
-        assert (figures["damaged"], figures["collisions"], figures["bytes_lost"]) == (0, 0, 0)
+        metrics = rig.twin.metrics()
+        assert (metrics["damaged"], metrics["collisions"], metrics["bytes_lost"]) == (0, 0, 0)
 
 
 @pytest.mark.slow

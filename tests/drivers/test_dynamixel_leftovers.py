@@ -31,13 +31,13 @@ def left(registers: dict[str, int], protocol: int = 2, **options: Any) -> Any:
 
 def refusal(twin: Any, **options: Any) -> DeviceError:
     """The error of opening, which has set nothing in the first servo and switched no torque."""
-    size, before = HELD[twin.protocol], twin.figures()["torque"]
+    size, before = HELD[twin.protocol], twin.metrics()["torque"]
     held = bytes(twin.servos[0].memory[:size])
     try:
         with pytest.raises(DeviceError) as caught:
             Rig(twin, **options)
         assert bytes(twin.servos[0].memory[:size]) == held
-        assert twin.figures()["torque"] == before
+        assert twin.metrics()["torque"] == before
     finally:
         twin.close()
     return caught.value
@@ -106,7 +106,7 @@ def test_a_servo_that_holds_goes_on_holding_when_it_is_refused() -> None:
     for servo in twin.servos:
         servo.motors.switch(servo.i, True)
     says(refusal(twin), "homing offset", 1000)
-    assert twin.figures()["torque"] == [True, True]
+    assert twin.metrics()["torque"] == [True, True]
 
 
 def test_several_turns_under_torque_are_refused_where_the_profile_wants_one() -> None:
@@ -135,8 +135,8 @@ def _moved(rig: Rig) -> None:
 
 @pytest.mark.parametrize("mode", ["position", "extended"])
 def test_an_offset_that_the_profile_says_is_counted(mode: str) -> None:
-    said = motors(offset=1000, zero=1000 * PER_COUNT)
-    with Rig(left({"homing_offset": 1000}, mode=mode), motors=said) as rig:
+    output = motors(offset=1000, zero=1000 * PER_COUNT)
+    with Rig(left({"homing_offset": 1000}, mode=mode), motors=output) as rig:
         _moved(rig)
 
 
@@ -146,13 +146,13 @@ def test_a_reverse_mode_that_the_profile_says_is_counted() -> None:
 
 
 def test_both_said_are_counted() -> None:
-    said = motors(offset=1000, reverse_mode=True, reversed=True, zero=1000 * PER_COUNT)
-    with Rig(left({"homing_offset": 1000, "drive_mode": REVERSE}), motors=said) as rig:
+    output = motors(offset=1000, reverse_mode=True, reversed=True, zero=1000 * PER_COUNT)
+    with Rig(left({"homing_offset": 1000, "drive_mode": REVERSE}), motors=output) as rig:
         _moved(rig)
 
 
 @pytest.mark.parametrize(
-    ("said", "registers", "words", "value"),
+    ("output", "registers", "words", "value"),
     [
         ({"offset": 1000}, {}, "homing offset", 0),
         ({"offset": 1000}, {"homing_offset": 999}, "homing offset", 999),
@@ -163,22 +163,22 @@ def test_both_said_are_counted() -> None:
     ],
 )
 def test_what_the_profile_says_must_be_in_the_servo(
-    said: dict[str, Any], registers: dict[str, int], words: str, value: int
+    output: dict[str, Any], registers: dict[str, int], words: str, value: int
 ) -> None:
-    says(refusal(left(registers), motors=motors(**said)), words, value)
+    says(refusal(left(registers), motors=motors(**output)), words, value)
 
 
 @pytest.mark.parametrize(
-    ("said", "options"),
+    ("output", "options"),
     [
         ({"offset": 1025}, {"mode": "position"}),  # over one turn a servo ignores it
         ({"offset": 1_044_480}, {"mode": "extended"}),
         ({"offset": 100}, {"protocol": 1}),
     ],
 )
-def test_an_offset_that_no_servo_applies_is_no_profile(said: dict[str, Any], options: dict[str, Any]) -> None:
+def test_an_offset_that_no_servo_applies_is_no_profile(output: dict[str, Any], options: dict[str, Any]) -> None:
     with pytest.raises(ValidationError, match="offset") as caught:
-        config(motors(**said), **options)
+        config(motors(**output), **options)
     assert "extra" not in str(caught.value).lower()
 
 

@@ -29,7 +29,7 @@ def near(found: Any, wanted: Any, atol: Any) -> None:
 
 
 def torque(rig: Rig) -> Any:
-    return rig.twin.figures()["torque"]
+    return rig.twin.metrics()["torque"]
 
 
 # -- the profile

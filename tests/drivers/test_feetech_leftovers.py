@@ -31,12 +31,12 @@ def left(registers: dict[str, int], **options: Any) -> Any:
 
 def refusal(twin: Any, **options: Any) -> DeviceError:
     """The error of opening, which has kept nothing in any servo and switched no torque."""
-    kept, before = [bytes(servo.kept) for servo in twin.servos], twin.figures()["torque"]
+    kept, before = [bytes(servo.kept) for servo in twin.servos], twin.metrics()["torque"]
     try:
         with pytest.raises(DeviceError) as caught:
             FeetechRig(twin, **options)
         assert [bytes(servo.kept) for servo in twin.servos] == kept
-        assert twin.figures()["torque"] == before
+        assert twin.metrics()["torque"] == before
     finally:
         twin.close()
     return caught.value
@@ -75,7 +75,7 @@ def test_a_servo_that_holds_goes_on_holding_when_it_is_refused() -> None:
     for servo in twin.servos:
         servo.motors.switch(servo.i, True)
     says(refusal(twin), "homing offset", 300)
-    assert twin.figures()["torque"] == [True, True]
+    assert twin.metrics()["torque"] == [True, True]
 
 
 @pytest.mark.parametrize("bit", [DRIVEN_BACK, SPEED_UNIT, FREE, COUNTS_BACK])
@@ -100,8 +100,8 @@ def test_a_servo_without_any_torque_is_refused() -> None:
 
 
 def test_an_offset_that_the_profile_says_is_counted() -> None:
-    said = motors(offset=300, zero=-300 * PER_COUNT)
-    with FeetechRig(left({"homing_offset": 300}), motors=said) as rig:
+    output = motors(offset=300, zero=-300 * PER_COUNT)
+    with FeetechRig(left({"homing_offset": 300}), motors=output) as rig:
         where = rig.hold()
         np.testing.assert_allclose(rig.state["position"], rig.truth(), atol=0.005)
         rig.run(35, where + np.array([0.2, 0.0]))

@@ -54,7 +54,7 @@ def test_reported_angles_are_those_of_the_pulses(opened: Firmata) -> None:
     rng = np.random.default_rng(0)
     for angles in rng.uniform(-1.0, 4.0, (20, 3)):
         sent = send(opened, *angles)
-        pulses = opened.figures()["pulses_us"]
+        pulses = opened.metrics()["pulses_us"]
         assert isinstance(pulses, dict)
         for angle, pulse, calibration in zip(sent, pulses.values(), opened.calibrations, strict=True):
             assert calibration.shortest <= pulse <= calibration.longest

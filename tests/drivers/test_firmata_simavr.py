@@ -74,7 +74,7 @@ def pulses(board, pins=None):
 
 
 def test_open_identifies_the_firmware_and_leaves_the_servos_without_pulses(board, driver):
-    assert driver.figures()["firmware"] == "'StandardFirmata.ino' 2.5"
+    assert driver.metrics()["firmware"] == "'StandardFirmata.ino' 2.5"
     assert pulses(board) == [0.0] * 4
 
 
@@ -82,7 +82,7 @@ def test_open_identifies_the_firmware_and_leaves_the_servos_without_pulses(board
 def test_pulses_are_the_commanded_ones(board, driver, angle):
     angles = np.array([angle, angle, 3.0 - angle, angle])
     cycles(driver, board, 0.2, angles)
-    sent = driver.figures()["pulses_us"]
+    sent = driver.metrics()["pulses_us"]
     assert list(sent.values()) == [
         round(544 + angle * 1856 / 3),
         round(2400 - angle * 1856 / 3),
@@ -103,12 +103,12 @@ def test_beyond_the_limits_pulses_stay_at_them(board, driver):
 
 def test_a_servo_starts_at_its_first_command(board, driver):
     cycles(driver, board, 0.2, np.full(4, 1.0))
-    before = list(driver.figures()["pulses_us"].values())
+    before = list(driver.metrics()["pulses_us"].values())
     driver.stop(Stop.LIMP)
     cycles(driver, board, 0.05)
     pulses(board)
     cycles(driver, board, 0.2, np.full(4, 2.0))
-    for pin, sent in zip(PINS.values(), driver.figures()["pulses_us"].values(), strict=True):
+    for pin, sent in zip(PINS.values(), driver.metrics()["pulses_us"].values(), strict=True):
         seen = board.pin(pin)
         # Between attaching and its value, half a millisecond in a frame of twenty, the Servo library can let
         # out one pulse of its last width (1500 µs after power-up). The protocol has no way around that.
@@ -149,7 +149,7 @@ def test_twelve_servos_can_be_made_limp_and_driven_again(board):
     driver.open()
     for angle in (1.0, 2.0):
         cycles(driver, board, 0.3, np.linspace(0.0, angle, 12))
-        sent = list(driver.figures()["pulses_us"].values())
+        sent = list(driver.metrics()["pulses_us"].values())
         assert pulses(board, range(2, 14)) == pytest.approx(sent, abs=TOLERANCE)
         driver.stop(Stop.LIMP)
         cycles(driver, board, 0.1)
@@ -172,7 +172,7 @@ CUT = sorted({message[:size] for message in WHOLE for size in range(1, len(messa
 def test_the_stop_frame_is_obeyed_after_any_message_that_was_cut_short(board, driver, category):
     for cut in CUT:
         cycles(driver, board, 0.07, np.array([1.0, 2.0, 1.5, 0.5]))
-        sent = list(driver.figures()["pulses_us"].values())
+        sent = list(driver.metrics()["pulses_us"].values())
         assert None not in sent
         os.write(driver.fileno(), cut + driver.stop_frames(category)[0])
         expected = [0.0] * 4 if category is Stop.LIMP else sent

@@ -26,7 +26,7 @@ SIGNALS: dict[str, Any] = {
     "emg": {"channels": {"biceps": "EMG 2", "triceps": "EMG 1"}, "unit": "V"},
     "samples": {"channels": {"biceps": "EMG 2", "triceps": "EMG 1"}, "unit": "V", "block": 4},
 }
-TOLD: dict[str, Any] = {
+REPORT_EVERY: dict[str, Any] = {
     "name": "Amp", "type": "EMG", "source_id": "amp-7", "uid": "u1", "hostname": "lab", "rate": 1000.0, "count": 3,
     "labels": ["EMG 1", "EMG 2", "AUX"], "units": ["microvolts", "millivolts", "V"],
 }  # fmt: skip
@@ -78,13 +78,13 @@ def test_states_are_named() -> None:
 
 
 def test_channels_go_by_name_and_become_si() -> None:
-    picked = match("amp", config(), TOLD)["emg"]
+    picked = match("amp", config(), REPORT_EVERY)["emg"]
     np.testing.assert_array_equal(picked.columns, [1, 0])
     np.testing.assert_allclose(picked.factors, [1e-3, 1e-6])
 
 
 @pytest.mark.parametrize(
-    ("told", "options", "words"),
+    ("reported", "options", "words"),
     [
         ({"rate": 500.0}, {}, "rate is 500 Hz, the profile's 1000 Hz"),
         ({"rate": 0.0}, {}, "rate is irregular"),
@@ -97,18 +97,18 @@ def test_channels_go_by_name_and_become_si() -> None:
         ({}, {"signals": {"emg": SIGNALS["emg"] | {"sent": "volts"}}}, "in 'millivolts', the profile says 'volts'"),
     ],
 )
-def test_another_stream_is_refused(told: dict[str, Any], options: dict[str, Any], words: str) -> None:
+def test_another_stream_is_refused(reported: dict[str, Any], options: dict[str, Any], words: str) -> None:
     with pytest.raises(DeviceError, match=words):
-        match("amp", config(**options), TOLD | told)
+        match("amp", config(**options), REPORT_EVERY | reported)
 
 
 def test_a_unit_that_isn_t_stated_is_the_profile_s_and_a_quaternion_has_none() -> None:
     sent = {"emg": SIGNALS["emg"] | {"sent": "microvolts"}}
-    np.testing.assert_allclose(match("amp", config(signals=sent), TOLD | {"units": []})["emg"].factors, 1e-6)
+    np.testing.assert_allclose(match("amp", config(signals=sent), REPORT_EVERY | {"units": []})["emg"].factors, 1e-6)
     axes = dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), range(1, 8), strict=True))
     pose = config(signals={"pose": {"channels": axes, "unit": "m"}}, count=7)
-    told = TOLD | {"count": 7, "labels": [], "units": ["mm"] * 3 + ["quaternion"] * 4}
-    np.testing.assert_allclose(match("amp", pose, told)["pose"].factors, [1e-3] * 3 + [1.0] * 4)
+    reported = REPORT_EVERY | {"count": 7, "labels": [], "units": ["mm"] * 3 + ["quaternion"] * 4}
+    np.testing.assert_allclose(match("amp", pose, reported)["pose"].factors, [1e-3] * 3 + [1.0] * 4)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ class Helper:
         self.number += len(rows)
 
     def open(self) -> None:
-        self.say(wire.words(b"R", TOLD))
+        self.say(wire.words(b"R", REPORT_EVERY))
         self.now = time.monotonic_ns()
         self.samples([[1, 2, 3]])
         self.driver.open()
@@ -189,12 +189,12 @@ def test_samples_become_states(helper: Helper) -> None:
     d, state = helper.driver, helper.driver.state_arrays
     d.read(helper.now)
     np.testing.assert_allclose(state["emg"], [2e-3, 1e-6])
-    begun = state["count"][0]
+    started = state["count"][0]
     helper.now += 10 * MS
     helper.samples([[k, -k, 0] for k in range(10, 16)], stamp=helper.now - 3 * MS, offset=1e-3)
     d.read(helper.now)
     np.testing.assert_allclose(state["samples"][:, 1], np.arange(12, 16) * 1e-6)
-    assert state["count"][0] == begun + 6
+    assert state["count"][0] == started + 6
     assert d.health.stamp == pytest.approx(helper.now - 2 * MS, abs=1000)
     assert (d.health.frames, d.health.errors) == (7, 0)
 
@@ -268,15 +268,15 @@ def test_an_old_sample_is_old(helper: Helper) -> None:
 def test_losses_are_told(helper: Helper, kind: str) -> None:
     d = helper.driver
     d.read(helper.now)
-    told = {"words": "the stream has ended", "end": "its LSL process has ended", "silence": "nothing came for 1 s"}
+    reported = {"words": "the stream has ended", "end": "its LSL process has ended", "silence": "nothing came for 1 s"}
     if kind == "words":
-        helper.say(wire.words(b"X", {"problem": told[kind], "remedy": "Start it"}))
+        helper.say(wire.words(b"X", {"problem": reported[kind], "remedy": "Start it"}))
     elif kind == "end":
         helper.end.close()
     else:
         d.read(helper.now + 999 * MS)
         helper.now += 1001 * MS
-    with pytest.raises(DeviceLostError, match=told[kind]):
+    with pytest.raises(DeviceLostError, match=reported[kind]):
         d.read(helper.now)
     assert not d.health.connected
 
@@ -294,7 +294,7 @@ def test_a_rate_that_isn_t_what_it_says(share: float, wrong: bool) -> None:
 @pytest.mark.parametrize("age", [1.6e9, -30.0])
 def test_a_sender_s_own_clock_is_refused(age: float) -> None:
     helper = Helper()
-    helper.say(wire.words(b"R", TOLD))
+    helper.say(wire.words(b"R", REPORT_EVERY))
     helper.now = time.monotonic_ns()
     helper.samples([[1, 2, 3]], offset=-age)
     with pytest.raises(DeviceError, match="aren't of LSL's clock"):
@@ -303,5 +303,5 @@ def test_a_sender_s_own_clock_is_refused(age: float) -> None:
 
 def test_an_emg_calibration_of_another_rate_is_refused() -> None:
     """Its filters are of samples at that rate: at another one an activation would mean something else."""
-    said = refused("check", "emg-lsl", "--set", "devices.emg.rate=1000")
-    assert "its calibration was made with emg.rate 2000.0, now it is 1000.0" in said
+    output = refused("check", "emg-lsl", "--set", "devices.emg.rate=1000")
+    assert "its calibration was made with emg.rate 2000.0, now it is 1000.0" in output

@@ -59,7 +59,7 @@ def held(arm: MitCan) -> np.ndarray:  # type: ignore[type-arg]
 def test_it_reads_and_holds_its_twin_over_a_bus(server: Server) -> None:
     arm = driver(server.twin.address)
     assert held(arm) == pytest.approx(0.2, abs=1e-3)
-    assert server.twin.figures()["enabled"] == [True, True]
+    assert server.twin.metrics()["enabled"] == [True, True]
     for _ in range(5):
         cycle(arm, 0.2)
         time.sleep(0.002)
@@ -67,7 +67,7 @@ def test_it_reads_and_holds_its_twin_over_a_bus(server: Server) -> None:
     assert server.world.truth_arrays["arm_position"] == pytest.approx(0.2, abs=0.02)
     assert arm.health.fault == ""
     arm.stop(Stop.LIMP)
-    until(lambda: server.twin.figures()["enabled"] == [False, False], lambda: arm.stop(Stop.LIMP))
+    until(lambda: server.twin.metrics()["enabled"] == [False, False], lambda: arm.stop(Stop.LIMP))
     arm.close()
     arm.close()
 
@@ -89,7 +89,7 @@ def test_the_supervisor_stops_every_motor_of_the_bus_after_the_loop_s_death(tmp_
             assert motors.kp.min() >= 0
             supervisor.stop()
             if limp:
-                until(lambda server=server: server.twin.figures()["enabled"] == [False, False])
+                until(lambda server=server: server.twin.metrics()["enabled"] == [False, False])
             else:
                 until(lambda motors=motors: bool((motors.kp == 0).all() and (motors.kd > 1.9).all()))
             supervisor.stop()

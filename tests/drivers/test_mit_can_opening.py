@@ -149,7 +149,7 @@ def test_who_was_enabled_by_an_earlier_run_is_kept_from_falling() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "output"),
     [
         ({"firmware": None, "kind": "v2"}, "the firmware of a CubeMars isn't said"),
         ({"firmware": "v2"}, "a Damiao has no firmware generation"),
@@ -166,11 +166,11 @@ def test_who_was_enabled_by_an_earlier_run_is_kept_from_falling() -> None:
         ({"watchdog": 0.0}, "greater than or equal to 0.02"),
     ],
 )
-def test_a_profile_that_can_t_be_is_refused(change: dict[str, Any], said: str) -> None:
+def test_a_profile_that_can_t_be_is_refused(change: dict[str, Any], output: str) -> None:
     if "motors" in change:
         numbered = enumerate(change["motors"].items(), 1)
         change = {"motors": {n: {"id": k, "lower": -2.0, "upper": 2.0} | m for k, (n, m) in numbered}}
-    with pytest.raises(ValidationError, match=said):
+    with pytest.raises(ValidationError, match=output):
         config(maker=change.pop("kind", "damiao"), **change)
 
 

@@ -44,7 +44,7 @@ def test_poses_and_markers_are_z_up_whatever_the_stream(options, up):
         truth = POSE[:3] + matrix(tuple(POSE[3:])) @ np.array([[0, 0, 0.05], [-0.03, 0, 0]]).T.T[0]
         np.testing.assert_allclose(shown(driver, "markers")[0], truth, atol=3e-3)
         np.testing.assert_array_equal(shown(driver, "marker_visible"), [1, 1])
-        assert driver.figures()["natnet"] == options["natnet"]
+        assert driver.metrics()["natnet"] == options["natnet"]
 
 
 def test_the_stamp_is_the_time_of_exposure(system):
@@ -92,7 +92,7 @@ def test_unlabelled_markers_come_apart_from_the_labelled_ones():
 
 
 @pytest.mark.parametrize(
-    ("wanted", "said"),
+    ("wanted", "output"),
     [
         ({"segments": {"tool": "Dril"}}, "no subject 'Dril'.*'Drill'"),
         ({"segments": {"tool": "Drill/Tip"}}, "no segment 'Tip'"),
@@ -100,8 +100,8 @@ def test_unlabelled_markers_come_apart_from_the_labelled_ones():
         ({"segments": {"tool": "Drill"}, "rate": 240}, "captures 100 frames a second, the profile needs 240"),
     ],
 )
-def test_what_isn_t_there_is_refused_with_what_is(wanted, said):
-    with motive() as bench, pytest.raises(DeviceError, match=f"(?s){said}"), opened(bench, wanted):
+def test_what_isn_t_there_is_refused_with_what_is(wanted, output):
+    with motive() as bench, pytest.raises(DeviceError, match=f"(?s){output}"), opened(bench, wanted):
         pass
 
 
@@ -142,7 +142,7 @@ def test_a_motive_that_was_restarted_in_another_version_is_read_in_that():
         bench.twin.restart("3.0")
         bench.twin.muted = False
         step(bench, driver, 100)
-        assert driver.figures()["natnet"] == "3.0"
+        assert driver.metrics()["natnet"] == "3.0"
         assert driver.health.resyncs == 1  # with it goes the proof of which axis is up
         assert bench.now - driver.health.stamp < 30_000_000
         np.testing.assert_allclose(shown(driver, "tool.pose"), POSE, atol=2e-3)
@@ -173,10 +173,10 @@ def test_datagrams_that_overtake_each_other(system, monkeypatch):
     driver.read(bench.now)
     newest = driver.health.stamp
     assert newest == pytest.approx(bench.twin.motive.taken_at(bench.twin.motive.newest()), abs=1_100_000)
-    assert driver.figures()["late_frames"] == len(sent) - 1
+    assert driver.metrics()["late_frames"] == len(sent) - 1
     step(bench, driver, 3)
     assert driver.health.stamp > newest
-    assert driver.figures()["missed_frames"] == 0
+    assert driver.metrics()["missed_frames"] == 0
 
 
 def test_lost_frames_are_counted(system, monkeypatch):
@@ -185,7 +185,7 @@ def test_lost_frames_are_counted(system, monkeypatch):
     step(bench, driver, 3)
     monkeypatch.undo()
     step(bench, driver, 2)
-    assert driver.figures()["missed_frames"] == 3
+    assert driver.metrics()["missed_frames"] == 3
 
 
 def test_garbage_and_other_senders_change_nothing(system):
@@ -201,7 +201,7 @@ def test_garbage_and_other_senders_change_nothing(system):
     driver.read(bench.now + 1)
     assert driver.health.frames == frames
     assert driver.health.errors >= 5
-    assert driver.figures()["foreign"] == 1
+    assert driver.metrics()["foreign"] == 1
     step(bench, driver, 3)
     assert driver.health.frames > frames
 
@@ -297,14 +297,14 @@ def test_nobody_there_and_an_address_that_is_none():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    for url, said in (
+    for url, output in (
         (f"udp://127.0.0.1:{port}", "nobody listens there"),
         ("tcp://127.0.0.1", "isn't udp://HOST"),
         ("udp://", "isn't udp://HOST"),
         ("udp://127.0.0.1:99999", "isn't udp://HOST"),
         ("udp://no.such.host.invalid", "no host is called"),
     ):
-        with pytest.raises(DeviceError, match=said):
+        with pytest.raises(DeviceError, match=output):
             NatNet("mocap", NatNet.Config(port=url, segments={"a": "A"})).open()
 
 

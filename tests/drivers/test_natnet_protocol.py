@@ -78,13 +78,13 @@ def test_the_server_info():
 
 
 @pytest.mark.parametrize(
-    ("at", "byte", "said"),
+    ("at", "byte", "output"),
     [(260, 2, "NatNet 2.1"), (260, 5, "NatNet 5.1"), (266, 0, "a clock of 0"), (272, 0, "port 0")],
 )
-def test_a_server_that_isn_t_known_is_refused_with_what_it_is(at, byte, said):
+def test_a_server_that_isn_t_known_is_refused_with_what_it_is(at, byte, output):
     data = bytearray(256) + bytes.fromhex("03010000 04010000 0000980000000000 e700 00 efff2a63")
     data[at] = byte
-    with pytest.raises(MalformedError, match=said):
+    with pytest.raises(MalformedError, match=output):
         protocol.server_info(bytes(data))
     with pytest.raises(MalformedError, match="264 bytes"):
         protocol.server_info(bytes(264))  # before 3.0

@@ -60,7 +60,7 @@ def test_one_avatar_of_several() -> None:
     sender.send(3)
     device.read(START)
     assert device.state_arrays["translation"][0, 0] == pytest.approx(0.02)
-    others = device.figures()["others"]
+    others = device.metrics()["others"]
     assert isinstance(others, int)
     assert others >= 3
 
@@ -109,7 +109,7 @@ def test_a_frame_that_waited_is_as_old_as_its_number_says(make: Make) -> None:
     sender.send(95)
     device.read(now)
     assert now - device.health.stamp < 40 * MS
-    assert device.figures()["gaps"] == 0
+    assert device.metrics()["gaps"] == 0
 
 
 def test_after_numbered_frames_were_lost_the_next_one_is_fresh() -> None:
@@ -118,7 +118,7 @@ def test_after_numbered_frames_were_lost_the_next_one_is_fresh() -> None:
     sender.send(skip=300)
     device.read(now := now + 301 * PERIOD)
     assert now - device.health.stamp < 40 * MS
-    assert device.figures()["gaps"] == 300
+    assert device.metrics()["gaps"] == 300
 
 
 @pytest.mark.parametrize("make", [binary, text])
@@ -194,7 +194,7 @@ def test_a_backlog_is_no_gap_and_its_newest_is_taken() -> None:
     assert device.state_arrays["translation"][0, 0] == pytest.approx((sender.number - 1) / 100)
     sender.send(2, skip=3)
     device.read(now + 12 * PERIOD)
-    assert device.figures()["gaps"] == 3
+    assert device.metrics()["gaps"] == 3
 
 
 def test_software_that_starts_again_counts_anew() -> None:

@@ -52,7 +52,7 @@ from srl.runtime.messages import cdr, messages
 from srl.runtime.models.skeleton import bvh
 
 
-def told(work: Callable[[], object]) -> str:
+def reported(work: Callable[[], object]) -> str:
     """How a device refuses or is lost while something is done; "" if it goes well."""
     try:
         work()
@@ -135,7 +135,7 @@ def test_a_record_of_another_form_is_read_right_or_refused_with_its_remedy(
     monkeypatch.setattr(noitom_driver, "FIRST", 0.3)
     with contextlib.closing(sender):
         with sender.sending():
-            refused = told(device.open)
+            refused = reported(device.open)
         if refused:
             assert word in refused
             assert "old header" not in refused
@@ -148,7 +148,7 @@ def test_a_record_of_another_form_is_read_right_or_refused_with_its_remedy(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("file", "order", "told"),
+    ("file", "order", "reported"),
     [
         ("fullbody_xyz", "XYZ", False),
         ("fullbody_xyz", "YXZ", True),
@@ -156,16 +156,16 @@ def test_a_record_of_another_form_is_read_right_or_refused_with_its_remedy(
         ("fullbody_walk_yxz", "XYZ", True),
     ],
 )
-def test_an_order_that_lifts_a_walking_person_off_the_floor_is_told(file: str, order: str, told: bool) -> None:
+def test_an_order_that_lifts_a_walking_person_off_the_floor_is_told(file: str, order: str, reported: bool) -> None:
     frames = bvh.read(shared(f"data/axis_neuron_bvh/{file}.bvh")).frames
     sender, device = opened(lambda number: encode_binary(frames[number % len(frames)], number), order=order)
-    now, said = START, False
+    now, output = START, False
     for _ in range(2 * len(frames)):
         now += PERIOD
         sender.send()
         device.read(now)
-        said |= "order" in device.health.message + device.health.fault
-    assert said == told
+        output |= "order" in device.health.message + device.health.fault
+    assert output == reported
 
 
 # -- NatNet: two assets of one name
@@ -255,7 +255,7 @@ def test_odometry_that_comes_with_one_stamp_is_told_from_silence(stamp: int, mon
             link.put(odometry(stamp, 0.01 * i))
             base.read(time.monotonic_ns())
 
-    lost = told(run)
+    lost = reported(run)
     assert "stamp" in lost
     assert "no odometry" not in lost
 
@@ -284,7 +284,7 @@ def test_a_signal_that_comes_with_one_stamp_is_told_from_silence() -> None:
             link.put(joint(6))
             device.read(time.monotonic_ns())
 
-    assert "stamp" in told(run)
+    assert "stamp" in reported(run)
 
 
 # -- a gamepad of another layout, or one that is held
@@ -342,7 +342,7 @@ def test_a_trigger_that_is_half_pressed_at_open_commands_nothing_until_it_was_le
             move([(5, 255)])
             assert pad.state_arrays["axes"][5] == 1
 
-    refused = told(use)
+    refused = reported(use)
     assert not refused or "trigger" in refused
 
 
@@ -358,7 +358,7 @@ def test_a_pad_whose_second_stick_is_where_triggers_are_commands_nothing(tmp_pat
             assert not pad.state_arrays["axes"].any()
             assert "trigger" in pad.health.message
 
-    refused = told(use)
+    refused = reported(use)
     assert not refused or "axis" in refused or "trigger" in refused
 
 

@@ -117,15 +117,15 @@ def test_stop_frames(mode, category, monkeypatch):
         rig.run(0.4, [0.0, 0.0])
         found = rig.driver.stop_frames(category)
         assert rig.driver.stop_frames(category) is found
-        said = [(m.arbitration_id >> 5, m.arbitration_id & 31, bytes(m.data)) for m in frames]
+        output = [(m.arbitration_id >> 5, m.arbitration_id & 31, bytes(m.data)) for m in frames]
         if category is Stop.LIMP:
-            assert said == [(node, 0x07, struct.pack("<II", 1, 0)) for node in (1, 2)]
+            assert output == [(node, 0x07, struct.pack("<II", 1, 0)) for node in (1, 2)]
         elif mode == "position":
-            assert [(node, command) for node, command, _ in said] == [(1, 0x0C), (2, 0x0C)]
+            assert [(node, command) for node, command, _ in output] == [(1, 0x0C), (2, 0x0C)]
         else:
             still = [(node, 0x0D, bytes(8)) for node in (1, 2)]
             damp = [(node, 0x0B, struct.pack("<II", 2, 1)) for node in (1, 2)]
-            assert sorted(said) == sorted(still if mode == "velocity" else still + damp)
+            assert sorted(output) == sorted(still if mode == "velocity" else still + damp)
 
 
 def test_socketcan_s_stop_frames_are_whole_frames(rig, monkeypatch):
@@ -142,7 +142,7 @@ def test_socketcan_s_stop_frames_are_whole_frames(rig, monkeypatch):
 def test_the_watchdog_lets_go_and_says_so(rig):
     rig.run(0.4, [0.0, 0.0])
     rig.run(0.7)  # reads, and never writes: a law that hangs
-    assert not any(rig.twin.figures()["torque"])
+    assert not any(rig.twin.metrics()["torque"])
     assert "hip heard nothing for the watchdog's time and coasted (see why the commands stopped)" in fault(rig)
     rig.driver.recover(rig.bench.now)
     rig.run(0.2)
@@ -203,7 +203,7 @@ def test_a_brown_out_is_a_lost_position(rig):
     of(rig).brown_out()
     rig.run(0.3, [0.5, 0.0])
     assert "hip jumped from 0.5" in fault(rig)
-    assert not rig.twin.figures()["torque"][0]
+    assert not rig.twin.metrics()["torque"][0]
     before = world_position(rig)
     rig.driver.recover(rig.bench.now)
     rig.run(0.3, [0.5, 0.0])

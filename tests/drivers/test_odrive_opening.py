@@ -80,7 +80,7 @@ def test_opening_moves_nothing_and_arms_the_watchdog():
     config = odrive(watchdog=0.3)
     with TwinRig(config, floating(config), opened=False) as rig:
         rig.open()
-        assert not any(rig.twin.figures()["torque"])
+        assert not any(rig.twin.metrics()["torque"])
         assert [(node.armed, node.watchdog) for node in rig.twin.nodes] == [(True, pytest.approx(0.3))] * 2
         assert rig.driver.health.message == "firmware 0.6.10; watchdog 0.3 s"
         asked = {protocol.split(m.arbitration_id)[1] for m in rig.heard() if not m.is_remote_frame and m.data}
@@ -94,7 +94,7 @@ def open_with(change, match, config=None, **options):
         with pytest.raises(DeviceError, match=match) as caught:
             rig.open()
         assert caught.value.remedy
-        assert not any(rig.twin.figures()["torque"])
+        assert not any(rig.twin.metrics()["torque"])
 
 
 @pytest.mark.parametrize(

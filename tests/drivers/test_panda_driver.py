@@ -259,7 +259,7 @@ def test_states_that_never_came_are_counted_and_old_ones_have_old_stamps(pair):
     p.now += 7 * MS
     p.cycle()
     assert (health.errors - errors, health.frames - frames) == (7, 1)
-    assert p.driver.figures()["lost_states"] >= 7
+    assert p.driver.metrics()["lost_states"] >= 7
     stamp = health.stamp
     p.robot.tick()
     p.now += 500 * MS  # our own stall: what lies in the socket is half a second old

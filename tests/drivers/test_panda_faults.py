@@ -128,7 +128,7 @@ def test_a_robot_that_hangs_up_is_lost_and_comes_back(pair, version):
     p.robot.commands.clear()
     p.settle()
     p.start()
-    assert p.driver.figures()["moves"] == 2
+    assert p.driver.metrics()["moves"] == 2
 
 
 def test_a_silent_robot_is_lost_after_a_second(pair):

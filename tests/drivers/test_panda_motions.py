@@ -101,7 +101,7 @@ def test_stop_ends_the_motion_in_good_order_and_another_can_follow(pair, version
     p.robot.commands.clear()
     p.command[:] = p.state["position"] if interface == "position" else 0
     p.start()
-    assert p.driver.figures()["moves"] == 2
+    assert p.driver.metrics()["moves"] == 2
     assert p.driver.health.fault == ""
 
 

@@ -14,8 +14,8 @@ from srl.drivers.replay import Replay, ReplayConfig, track
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError, RecordingError
 from srl.runtime.contracts.terms import POINT, POSE
+from srl.runtime.ipc.header import LINK_CONNECTED
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import LINK_CONNECTED
 from srl.runtime.recording.reader import Recording, read
 from srl.sim.devices.replay.fake import FakeReplay, FakeReplayOptions
 
@@ -149,10 +149,10 @@ def test_it_begins_where_it_is_told_and_again_when_opened_again() -> None:
 
 @pytest.mark.usefixtures("made")
 @pytest.mark.parametrize(
-    ("options", "said"), [({"device": "glov"}, "Did you mean 'glove'"), ({"start": 5.0}, "no sample after 5 s")]
+    ("options", "output"), [({"device": "glov"}, "Did you mean 'glove'"), ({"start": 5.0}, "no sample after 5 s")]
 )
-def test_what_is_not_there_is_said(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(RecordingError, match=said):
+def test_what_is_not_there_is_said(options: dict[str, Any], output: str) -> None:
+    with pytest.raises(RecordingError, match=output):
         replay(**options)
 
 

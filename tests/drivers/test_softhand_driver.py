@@ -86,7 +86,7 @@ def to(hand, closure):
 
 
 def reference(server):
-    return server.twin.figures()["reference"]
+    return server.twin.metrics()["reference"]
 
 
 def test_it_declares_a_closure_with_feedback():
@@ -98,13 +98,13 @@ def test_it_declares_a_closure_with_feedback():
 
 
 def test_opening_finds_the_range_arms_the_watchdog_and_leaves_the_motor_off(server, guarded):
-    assert guarded.figures()["range"] == [100, 17_500]
-    assert guarded.figures()["serial"] == str(server.twin.serial_number)
+    assert guarded.metrics()["range"] == [100, 17_500]
+    assert guarded.metrics()["serial"] == str(server.twin.serial_number)
     assert "by the hand itself" in guarded.health.message
-    assert server.twin.figures()["watchdog_ms"] == 250
+    assert server.twin.metrics()["watchdog_ms"] == 250
     until(lambda: guarded.health.stamp > 0, lambda: idle(guarded))
-    assert not server.twin.figures()["active"]
-    assert "SET_INPUTS" not in server.twin.figures()["commands"]
+    assert not server.twin.metrics()["active"]
+    assert "SET_INPUTS" not in server.twin.metrics()["commands"]
     assert abs(position(guarded)) < 0.02
     assert guarded.health.connected
 
@@ -127,7 +127,7 @@ def test_the_first_command_switches_on_before_any_reference(server, opened):
     until(lambda: reference(server) == round(100 + 0.3 * 17_400), to(opened, 0.3))
     rx = server.twin.log()["rx"].tobytes()
     assert rx.find(protocol.activate(1, True)) < rx.find(protocol.set_inputs(1, round(100 + 0.3 * 17_400)))
-    assert server.twin.figures()["errors"] == 0
+    assert server.twin.metrics()["errors"] == 0
 
 
 def test_commands_beyond_the_range_stop_at_its_ends_and_nan_keeps_the_last(server, opened):
@@ -138,7 +138,7 @@ def test_commands_beyond_the_range_stop_at_its_ends_and_nan_keeps_the_last(serve
     for _ in range(30):
         cycle()
     assert reference(server) == 8_800
-    assert server.twin.figures()["active"]
+    assert server.twin.metrics()["active"]
 
 
 def test_an_unchanged_command_is_repeated_so_that_a_lost_one_is_made_good(server, opened):
@@ -147,14 +147,14 @@ def test_an_unchanged_command_is_repeated_so_that_a_lost_one_is_made_good(server
         server.twin._inputs = (0, 0)
         server.twin.hand.refer(100)  # as if the newest reference had been damaged on the line
     until(lambda: reference(server) == round(100 + 0.3 * 17_400), to(opened, 0.3))
-    assert server.twin.figures()["watchdog_trips"] == 0
+    assert server.twin.metrics()["watchdog_trips"] == 0
 
 
 def test_limp_switches_off_until_the_hand_confirms_it(server, opened):
     until(lambda: position(opened) > 0.3, to(opened, 0.5))
     opened.stop(Stop.LIMP)
     opened.stop(Stop.LIMP)
-    until(lambda: not server.twin.figures()["active"], lambda: idle(opened))
+    until(lambda: not server.twin.metrics()["active"], lambda: idle(opened))
     until(lambda: opened._motor is Motor.OFF, lambda: idle(opened))
     assert opened.health.fault == ""
 
@@ -169,32 +169,32 @@ def test_a_lost_off_is_sent_again(server, opened):
     assert opened._motor is Motor.TURNING_OFF
     server.twin.deaf = False
     until(lambda: opened._motor is Motor.OFF, lambda: idle(opened))
-    assert not server.twin.figures()["active"]
+    assert not server.twin.metrics()["active"]
 
 
 def test_hold_sends_nothing_new(server, opened):
     until(lambda: position(opened) > 0.3, to(opened, 0.4))
     opened.stop(Stop.HOLD)
     until(lambda: opened.health.frames > 0, to(opened, 0.4))
-    assert server.twin.figures()["active"]
+    assert server.twin.metrics()["active"]
     assert reference(server) == round(100 + 0.4 * 17_400)
 
 
 def test_a_dead_host_trips_the_watchdog_which_is_a_fault_until_recovered(server, guarded):
     until(lambda: position(guarded) > 0.3, to(guarded, 0.4))
-    until(lambda: server.twin.figures()["watchdog_trips"] == 1)  # nobody writes
-    assert not server.twin.figures()["active"]
+    until(lambda: server.twin.metrics()["watchdog_trips"] == 1)  # nobody writes
+    assert not server.twin.metrics()["active"]
     until(lambda: "switched its motor off" in guarded.health.fault, to(guarded, 0.4))
     assert guarded.health.connected
     for _ in range(20):
         to(guarded, 0.4)()
-    assert not server.twin.figures()["active"]  # nothing moves before a person says so
+    assert not server.twin.metrics()["active"]  # nothing moves before a person says so
     guarded.recover(time.monotonic_ns())
     assert guarded.health.fault == ""
     idle(guarded)
-    assert not server.twin.figures()["active"]
-    until(lambda: server.twin.figures()["active"], to(guarded, 0.1))
-    assert guarded.figures()["switched_off"] == 1
+    assert not server.twin.metrics()["active"]
+    until(lambda: server.twin.metrics()["active"], to(guarded, 0.1))
+    assert guarded.metrics()["switched_off"] == 1
 
 
 def test_a_hand_that_doesn_t_switch_on_is_a_fault(server, guarded):
@@ -251,8 +251,8 @@ def test_a_pulled_cable_is_a_loss_and_closing_is_always_possible(server, opened)
 def test_closing_switches_the_motor_off(server, opened):
     until(lambda: opened._motor is Motor.ON, to(opened, 0.2))
     opened.close()
-    until(lambda: not server.twin.figures()["active"])
-    assert server.twin.figures()["watchdog_trips"] == 0
+    until(lambda: not server.twin.metrics()["active"])
+    assert server.twin.metrics()["watchdog_trips"] == 0
 
 
 @pytest.mark.parametrize("cut", [0, 1, 3, 5, 8])
@@ -261,8 +261,8 @@ def test_the_limp_frame_stops_it_whatever_was_cut_short(server, opened, cut):
     assert sum(map(len, opened.stop_frames(Stop.LIMP))) <= 496
     os.write(opened.fileno(), protocol.set_inputs(1, 9000)[:cut])
     os.write(opened.fileno(), *opened.stop_frames(Stop.LIMP))
-    until(lambda: not server.twin.figures()["active"])
-    assert server.twin.figures()["watchdog_trips"] == 0
+    until(lambda: not server.twin.metrics()["active"])
+    assert server.twin.metrics()["watchdog_trips"] == 0
 
 
 def test_the_hold_frame_keeps_the_grip_of_a_hand_whose_host_died(server, guarded):
@@ -270,16 +270,16 @@ def test_the_hold_frame_keeps_the_grip_of_a_hand_whose_host_died(server, guarded
     frames = guarded.stop_frames(Stop.HOLD)
     assert guarded.stop_frames(Stop.HOLD) is frames
     os.write(guarded.fileno(), *frames)
-    until(lambda: server.twin.figures()["watchdog_ms"] == 0)
+    until(lambda: server.twin.metrics()["watchdog_ms"] == 0)
     time.sleep(0.4)  # longer than the watchdog was
-    assert server.twin.figures()["active"]
+    assert server.twin.metrics()["active"]
     assert reference(server) == round(100 + 0.4 * 17_400)
 
 
 def test_a_service_that_starts_again_doesn_t_let_go_what_the_hand_holds(server, guarded):
     until(lambda: position(guarded) > 0.3, to(guarded, 0.4))
     os.write(guarded.fileno(), *guarded.stop_frames(Stop.HOLD))
-    until(lambda: server.twin.figures()["watchdog_ms"] == 0)
+    until(lambda: server.twin.metrics()["watchdog_ms"] == 0)
     link, guarded._link = guarded._link, None  # the loop died
     link.close()
     again = driver(server)
@@ -287,10 +287,10 @@ def test_a_service_that_starts_again_doesn_t_let_go_what_the_hand_holds(server, 
     for _ in range(80):
         idle(again)
         time.sleep(0.005)
-    assert server.twin.figures()["active"]
+    assert server.twin.metrics()["active"]
     held = reference(server)
     until(lambda: again._motor is Motor.ON, to(again, position(again)))
-    assert server.twin.figures()["watchdog_ms"] == 250
+    assert server.twin.metrics()["watchdog_ms"] == 250
     assert abs(reference(server) - held) < 1500  # switched on again where it was
     again.close()
 
@@ -323,12 +323,12 @@ def test_the_range_is_assumed_where_the_hand_doesn_t_tell_and_the_profile_s_wher
     with Server(made) as server:
         hand = driver(server)
         hand.open()
-        assert hand.figures()["range"] == [0, 19_000]
+        assert hand.metrics()["range"] == [0, 19_000]
         assert "assumed" in hand.health.message
         hand.close()
         hand = driver(server, limits=(50, 16_000))
         hand.open()
-        assert hand.figures()["range"] == [50, 16_000]
+        assert hand.metrics()["range"] == [50, 16_000]
         hand.close()
 
 
@@ -365,19 +365,19 @@ def test_wrong_options_are_said(config):
 def test_limp_lets_go_of_a_hand_that_was_found_switched_on(server, guarded):
     until(lambda: position(guarded) > 0.3, to(guarded, 0.4))
     os.write(guarded.fileno(), *guarded.stop_frames(Stop.HOLD))
-    until(lambda: server.twin.figures()["watchdog_ms"] == 0)
+    until(lambda: server.twin.metrics()["watchdog_ms"] == 0)
     link, guarded._link = guarded._link, None  # the loop died, its supervisor had the hand hold on
     link.close()
     again = driver(server)
     again.open()
     until(lambda: again.health.stamp > 0, lambda: idle(again))
-    assert server.twin.figures()["active"]
+    assert server.twin.metrics()["active"]
     again.stop(Stop.LIMP)  # nothing was commanded since it was opened
-    until(lambda: not server.twin.figures()["active"], lambda: idle(again))
+    until(lambda: not server.twin.metrics()["active"], lambda: idle(again))
     until(lambda: again._motor is Motor.OFF, lambda: idle(again))
-    before = server.twin.figures()["commands"]["ACTIVATE"]
+    before = server.twin.metrics()["commands"]["ACTIVATE"]
     for _ in range(20):
         again.stop(Stop.LIMP)  # each cycle of the stop
         idle(again)
-    assert server.twin.figures()["commands"]["ACTIVATE"] == before
+    assert server.twin.metrics()["commands"]["ACTIVATE"] == before
     again.close()

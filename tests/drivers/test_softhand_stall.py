@@ -46,7 +46,7 @@ class Ramp:
 
 
 def inputs(peer):
-    return peer.figures()["commands"].get("SET_INPUTS", 0)
+    return peer.metrics()["commands"].get("SET_INPUTS", 0)
 
 
 def test_a_stall_leaves_at_most_one_command(peer, hand):
@@ -72,7 +72,7 @@ def test_a_long_stall_is_a_loss_and_the_hand_is_opened_again(peer, hand):
         cycles(hand, 5.0, 100, ramp)
     hand.close()
     peer.cont()
-    until(lambda: not peer.figures()["active"])  # its watchdog, or the last words of the driver
+    until(lambda: not peer.metrics()["active"])  # its watchdog, or the last words of the driver
     hand.open()
     assert hand.health.reconnects == 1
     assert hand._motor is Motor.OFF

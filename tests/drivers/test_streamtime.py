@@ -46,8 +46,8 @@ def test_where_nothing_is_lost_unseen_a_lag_that_stays_is_a_queue() -> None:
 
 def test_a_rate_known_roughly_is_learnt_and_never_makes_fresh_samples_stale() -> None:
     rng = np.random.default_rng(1)
-    for truth, told in ((120.3, 118.0), (59.7, 60.5)):
-        stream = StreamTime(told, learn=True)
+    for truth, reported in ((120.3, 118.0), (59.7, 60.5)):
+        stream = StreamTime(reported, learn=True)
         oldest = 0
         for k in range(round(120 * truth)):
             now = round(10**10 + k / truth * 1e9 + rng.exponential(2 * MS))

@@ -3,7 +3,7 @@
 import pytest
 
 from srl.drivers.ur import UrConfig
-from srl.drivers.ur.registers import MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
+from srl.drivers.ur.registers import MODE, NONCE, SEQUENCE, STATE, TIMEOUT, VALUES, Mode, ScriptState
 from srl.drivers.ur.script import ALONE, STRANGE, program
 from srl.sim.devices.ur.twin_script import Script
 
@@ -22,11 +22,11 @@ class Controller:
         self.did = []
         self.watchdogs = []
         self.between = None
-        self.told, self.payloads = (0.0, [0.0, 0.0, 0.0]), []
+        self.reported, self.payloads = (0.0, [0.0, 0.0, 0.0]), []
         self.tcp, self.tcps = [0.0] * 6, []
         functions = {
-            "get_target_payload": lambda: self.told[0],
-            "get_target_payload_cog": lambda: self.told[1],
+            "get_target_payload": lambda: self.reported[0],
+            "get_target_payload_cog": lambda: self.reported[1],
             "get_tcp_offset": lambda: self.tcp,
             "set_tcp": self.set_tcp,
             "norm": abs,
@@ -42,8 +42,8 @@ class Controller:
         self.restart()
 
     def set_payload(self, mass, cog):
-        self.told = (mass, cog)
-        self.payloads.append(self.told)
+        self.reported = (mass, cog)
+        self.payloads.append(self.reported)
 
     def set_tcp(self, pose):
         self.tcp = list(pose)
@@ -68,7 +68,7 @@ class Controller:
         return found
 
     def command(self, number, mode=Mode.FOLLOW, value=0.1, cycles=5):
-        self.ints[SEQUENCE], self.ints[MODE], self.ints[PATIENCE] = number, mode, cycles
+        self.ints[SEQUENCE], self.ints[MODE], self.ints[TIMEOUT] = number, mode, cycles
         self.doubles[VALUES : VALUES + 6] = [value] * 6
 
     def cycles(self, count):
@@ -95,11 +95,11 @@ def test_it_says_that_it_is_ready_and_waits(controller):
 
 
 @pytest.mark.parametrize(
-    "told", [(2.0, [0.0, 0.0, 0.1]), (2.5, [0.0, 0.0, 0.2]), (2.5, [0.05, 0.0, 0.1]), (0.0, [0.0, 0.0, 0.0])]
+    "reported", [(2.0, [0.0, 0.0, 0.1]), (2.5, [0.0, 0.0, 0.2]), (2.5, [0.05, 0.0, 0.1]), (0.0, [0.0, 0.0, 0.0])]
 )
-def test_another_payload_is_set_once_and_not_again_at_a_recovery(told):
+def test_another_payload_is_set_once_and_not_again_at_a_recovery(reported):
     controller = Controller(payload=2.5, payload_cog=(0.0, 0.0, 0.1))
-    controller.told = told
+    controller.reported = reported
     controller.cycles(3)
     assert controller.payloads == [(2.5, [0.0, 0.0, 0.1])]
     controller.restart()

@@ -101,7 +101,7 @@ def test_every_cycles_command_is_taken_in_the_next_cycle(rig):
     driver = rig.open()
     rig.follow(V, 300)
     np.testing.assert_allclose(driver.state_arrays["velocity"], V, atol=2e-3)
-    assert driver.figures()["held_back"] == 0
+    assert driver.metrics()["held_back"] == 0
     assert driver.health.unsent == registers.SIZE  # the newest is on its way
     rig.cycle()
     assert driver.health.unsent == 0
@@ -157,7 +157,7 @@ def test_a_stalled_controller_holds_no_more_than_two_commands(rig):
         driver.read(rig.now)
         driver.write(rig.now)
     assert driver.health.unsent == registers.SIZE
-    assert driver.figures()["held_back"] >= 498
+    assert driver.metrics()["held_back"] >= 498
     rig.bench.run(0.02)
     assert rig.twin.rtde.seen["U"] - sent <= 2
 

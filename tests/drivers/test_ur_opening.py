@@ -39,7 +39,7 @@ def refused(words, config=None, prepare=lambda twin: None, **options):
 def test_open_says_who_the_arm_is_and_moves_nothing(rig):
     before = rig.fake.controller.arm.position
     driver = rig.open()
-    assert driver.figures()["identity"] == "UR16 20195500001, PolyScope 5.11.0"
+    assert driver.metrics()["identity"] == "UR16 20195500001, PolyScope 5.11.0"
     assert driver.health.connected
     assert driver.health.fault == ""
     for _ in range(200):

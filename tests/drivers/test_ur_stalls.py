@@ -45,9 +45,9 @@ def moving(driver, peer):
 
 def in_step(peer):
     """Whether the twin's time goes on as the real one."""
-    wall, own = time.monotonic(), peer.figures()["time"]
+    wall, own = time.monotonic(), peer.metrics()["time"]
     time.sleep(0.2)
-    return peer.figures()["time"] - own < 1.5e9 * (time.monotonic() - wall)
+    return peer.metrics()["time"] - own < 1.5e9 * (time.monotonic() - wall)
 
 
 def still(peer):
@@ -56,8 +56,8 @@ def still(peer):
 
 def truth(peer):
     """What the arm really does: position, velocity."""
-    figures = peer.figures()["truth"]
-    return np.array(figures["device_position"]), np.array(figures["device_velocity"])
+    metrics = peer.metrics()["truth"]
+    return np.array(metrics["device_position"]), np.array(metrics["device_velocity"])
 
 
 def test_a_hung_controller_plays_nothing_back_when_it_goes_on(peer):
@@ -67,7 +67,7 @@ def test_a_hung_controller_plays_nothing_back_when_it_goes_on(peer):
     peer.stop()
     cycles(driver, 1.2, 500, following(driver))
     assert driver.health.unsent > 0
-    held_back = driver.figures()["held_back"]
+    held_back = driver.metrics()["held_back"]
     assert isinstance(held_back, int)
     assert held_back > 100
     peer.cont()

@@ -132,10 +132,10 @@ def test_a_backlog_is_drained_to_the_newest(arm):
     assert device.health.frames == 502
     server.send(*(frame(601 + k, poses={(1, 1): pose()}) for k in range(10)))
     device.read(7_100 * MS)
-    assert device.figures()["missed_frames"] == 0
+    assert device.metrics()["missed_frames"] == 0
     server.send(frame(615, poses={(1, 1): pose()}))
     device.read(7_150 * MS)
-    assert device.figures()["missed_frames"] == 4
+    assert device.metrics()["missed_frames"] == 4
 
 
 def test_what_the_server_says_of_its_latency_is_taken_off(arm):
@@ -162,7 +162,7 @@ def test_a_repeated_frame_is_no_new_sample(arm):
         server.send(frame(101, poses={(1, 1): pose(1)}))
         device.read((1000 + 10 * k) * MS)
     assert device.health.stamp == 1000 * MS
-    assert device.figures()["repeated_frames"] == 4
+    assert device.metrics()["repeated_frames"] == 4
 
 
 @pytest.mark.parametrize("repeating", [False, True])
@@ -206,7 +206,7 @@ def test_frame_numbers_wrap_and_start_again(arm):
         device.read(now)
         assert device.health.stamp == now
         now += 10 * MS
-    assert device.figures()["missed_frames"] == 0
+    assert device.metrics()["missed_frames"] == 0
     server.send(frame(900_000, poses={(1, 1): pose()}))  # a jump: nothing to trust but the arrival
     device.read(now)
     server.send(frame(17, poses={(1, 1): pose()}))
@@ -230,7 +230,7 @@ def test_what_is_occluded_keeps_its_pose_and_all_of_it_hidden_is_no_sample(arm):
         device.read((1000 + 10 * (k - 1)) * MS)
     assert device.health.stamp == 1010 * MS  # by now the loop has called it stale
     assert device.health.connected
-    assert device.figures()["hidden_frames"] == 27
+    assert device.metrics()["hidden_frames"] == 27
     server.send(frame(130, poses={(1, 2): pose(4)}))
     device.read(1290 * MS)
     assert device.health.stamp == pytest.approx(1290 * MS, abs=MS)

@@ -131,7 +131,7 @@ def test_nothing_visible_is_no_sample(tracker, device):
         tracker.send(objects.encode(1001 + k, []))
         fed(device, (1010 + 10 * k) * MS)
     assert device.health.stamp == 1000 * MS
-    assert device.figures()["hidden_frames"] == 3
+    assert device.metrics()["hidden_frames"] == 3
 
 
 def test_an_overtaken_datagram_changes_nothing(tracker, device):

@@ -72,7 +72,7 @@ def test_static_blocks_called_unchanged_are_remembered(arm):
     )
     device.read(1000 * MS)
     assert values(device, "base.pose")[0] == pytest.approx(0.007)
-    assert device.figures()["frame_rate"] == 200.0
+    assert device.metrics()["frame_rate"] == 200.0
 
 
 def test_frames_without_what_was_asked_for_are_borne(arm):
@@ -136,7 +136,7 @@ def test_a_frame_period_that_can_t_be_is_unknown(arm):
     for ticks in (0, -5, 1, 2**62):
         server.send(packet(protocol.block(Block.STREAM_INFO, struct.pack("<q", ticks))))
         device.read(MS)
-    assert device.figures()["frame_rate"] == 100.0
+    assert device.metrics()["frame_rate"] == 100.0
 
 
 def test_a_silent_server_is_asked_again(arm):

@@ -18,8 +18,8 @@ from srl.drivers.transport.base import Transport
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.plausible import plausible
-from srl.runtime.ipc.words import DEVICE as WORD
-from srl.runtime.ipc.words import LINK_ERROR
+from srl.runtime.ipc.header import DEVICE as WORD
+from srl.runtime.ipc.header import LINK_ERROR
 from srl.runtime.loop.device import Device
 from srl.runtime.testing.twin_bench import TwinBench
 from srl.sim.devices.examples import DEVICES

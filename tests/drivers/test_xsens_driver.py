@@ -109,7 +109,7 @@ def test_partial_samples_are_none(system, monkeypatch):
     stamp = driver.health.stamp
     step(bench, driver, 20)
     assert driver.health.stamp == stamp
-    assert driver.figures()["incomplete"] >= 5
+    assert driver.metrics()["incomplete"] >= 5
     monkeypatch.undo()
     step(bench, driver, 2)
     assert driver.health.stamp > stamp
@@ -125,8 +125,8 @@ def test_samples_that_overtake_each_other(system, monkeypatch):
         bench.twin._udp.write(data, peer)
     driver.read(bench.now)
     assert driver.health.stamp == pytest.approx(bench.twin.mvn.taken_at(bench.twin.mvn.newest()), abs=12_000_000)
-    assert driver.figures()["late_samples"] > 0
-    assert driver.figures()["restarts"] == 0
+    assert driver.metrics()["late_samples"] > 0
+    assert driver.metrics()["restarts"] == 0
 
 
 def test_a_stream_that_restarts_goes_on(system):
@@ -135,7 +135,7 @@ def test_a_stream_that_restarts_goes_on(system):
     step(bench, driver, 3)
     bench.twin.restart()
     step(bench, driver, 20)
-    assert driver.figures()["restarts"] == 1
+    assert driver.metrics()["restarts"] == 1
     assert bench.now - driver.health.stamp < 30_000_000
     bench.twin.offset, bench.twin.origin = 0, 0
 
@@ -148,7 +148,7 @@ def test_another_person_s_stream_doesn_t_hide_that_this_one_is_lost(system):
             step(bench, driver, 300)
     finally:
         bench.twin.silent = set()
-    assert driver.figures()["others"] > 100
+    assert driver.metrics()["others"] > 100
 
 
 def test_the_wrong_person_is_told(impatient):
@@ -175,7 +175,7 @@ def test_only_the_sender_s_datagrams_count(impatient, whole):
             other.bind(("127.0.0.2", 0))
             other.sendto(b"MXTP02", ("127.0.0.1", whole.twin._port))
         step(whole, driver)
-        assert driver.figures()["foreign"] == 1
+        assert driver.metrics()["foreign"] == 1
         assert driver.health.errors == 0
     with pytest.raises(DeviceError, match=r"none from 127.0.0.9"), opened(whole, FEW | {"sender": "127.0.0.9"}):
         pass
@@ -192,7 +192,7 @@ def test_two_that_send_the_same_person_are_never_mixed(impatient, whole, monkeyp
         replay.bind(("127.0.0.1", 0))  # MVN's own computer plays a recording, too
         here = ("127.0.0.1", whole.twin._port)
         poses = [Pose(n, (2.0, 2.0, 1.5), (1.0, 0.0, 0.0, 0.0)) for n in range(1, 24)]
-        seen, before = [], driver.figures()["foreign"]
+        seen, before = [], driver.metrics()["foreign"]
         for k in range(30):
             data = protocol.encode(POSES, 90_000 + k, 90_000 + 10 * k, protocol.encode_poses(poses), 23)
             (other if k % 2 else replay).sendto(data, here)
@@ -201,7 +201,7 @@ def test_two_that_send_the_same_person_are_never_mixed(impatient, whole, monkeyp
         assert max(seen) < 1.0
         assert "127.0.0.2 port" in driver.health.message
         assert "is left out: 127.0.0.1 port" in driver.health.message
-        assert driver.figures()["foreign"] - before == 30
+        assert driver.metrics()["foreign"] - before == 30
         driver.close()
         plain = whole.twin._send
         monkeypatch.setattr(whole.twin, "_send", lambda *a: (plain(*a), other.sendto(data, here)))
@@ -250,7 +250,7 @@ def test_types_that_aren_t_ticked_are_told(impatient, whole, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "output"),
     [
         ({"segments": {"a": "RightArm"}}, "no segment 'RightArm'"),
         ({"joints": ["Elbow"]}, "no joint 'Elbow'"),
@@ -261,8 +261,8 @@ def test_types_that_aren_t_ticked_are_told(impatient, whole, monkeypatch):
         ({"forward": "x"}, "'forward' is for `up: y`"),
     ],
 )
-def test_options_that_can_t_be(options, said):
-    with pytest.raises(ValidationError, match=said):
+def test_options_that_can_t_be(options, output):
+    with pytest.raises(ValidationError, match=output):
         XsensMvn.Config(port="udp://:9763", **options)
 
 

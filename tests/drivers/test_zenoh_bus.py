@@ -84,18 +84,18 @@ def test_every_message_of_the_bus_with_the_devices_own_stamps(tmp_path: Path) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("key", "wanted", "said"),
+    ("key", "wanted", "output"),
     [
         ("tips", {"labels": ["thumb", "index", "middle", "ring", "pinkie"]}, "has the labels"),
         ("tips", {"components": [["y", "x", "z"]]}, "has the components"),
         ("position", {"labels": ["thumb", "index-1", "index-3"]}, "has the labels"),
     ],
 )
-def test_a_sender_with_other_names_is_refused(tmp_path: Path, key: str, wanted: dict[str, Any], said: str) -> None:
+def test_a_sender_with_other_names_is_refused(tmp_path: Path, key: str, wanted: dict[str, Any], output: str) -> None:
     other = Other(tmp_path)
     device = remote(other.port, {key: SIGNALS[key] | wanted})
     try:
-        with pytest.raises(DeviceError, match=said):
+        with pytest.raises(DeviceError, match=output):
             device.open()
     finally:
         device.close()
@@ -109,8 +109,8 @@ def test_the_end_of_the_other_runtime_is_a_loss(tmp_path: Path) -> None:
     try:
         reopened(device)
         other.run.end()
-        said = lost(device, timeout=9.0)
-        assert "has gone" in said or "closed" in said
+        output = lost(device, timeout=9.0)
+        assert "has gone" in output or "closed" in output
     finally:
         device.close()
         other.close()
@@ -122,9 +122,9 @@ def test_the_wrong_instance_and_signal_are_named(tmp_path: Path) -> None:
     try:
         reopened(device := remote(other.port))
         device.close()
-        for key, said in ((f"{PLACE}glove/positions", "Did you mean 'srl/one/state/glove/position'"),):
+        for key, output in ((f"{PLACE}glove/positions", "Did you mean 'srl/one/state/glove/position'"),):
             device = remote(other.port, {"position": SIGNALS["position"] | {"key": key}})
-            with pytest.raises(DeviceError, match=said):
+            with pytest.raises(DeviceError, match=output):
                 device.open()
     finally:
         other.close()

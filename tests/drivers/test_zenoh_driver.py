@@ -54,7 +54,7 @@ def test_signals_of_a_runtime_and_of_a_bridge() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("wanted", "said"),
+    ("wanted", "output"),
     [
         ({"shape": [2]}, r"the shape \[3\]"),
         ({"unit": "deg"}, "unit 'rad'"),
@@ -67,13 +67,13 @@ def test_signals_of_a_runtime_and_of_a_bridge() -> None:
     ],
 )
 def test_another_signal_is_refused_with_words(
-    wanted: dict[str, Any], said: str, monkeypatch: pytest.MonkeyPatch
+    wanted: dict[str, Any], output: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(driver, "FIRST", 0.8)
     twin = twin_of({"position": GLOVE})
     with Served(twin.fake.world, twin):
         remote = device(twin.address, {"position": GLOVE | wanted})
-        with pytest.raises(DeviceError, match=said):
+        with pytest.raises(DeviceError, match=output):
             remote.open()
         assert not remote.health.connected
 
@@ -94,8 +94,8 @@ def test_a_runtime_that_ends_is_lost_at_once() -> None:
         remote = device(twin.address, signals, silence=10.0)
         remote.open()
         served.do(twin.close)
-        said = lost(remote, timeout=5.0)
-        assert "has gone" in said or "closed" in said
+        output = lost(remote, timeout=5.0)
+        assert "has gone" in output or "closed" in output
         with pytest.raises(DeviceError, match="no connection"):
             remote.open()
         served.do(twin.open)
@@ -122,7 +122,7 @@ def test_a_runtime_that_hangs_is_lost_and_comes_back() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "output"),
     [
         ({"signals": {}}, "at least 1"),
         ({"signals": {"Position": GLOVE}}, "signal's name"),
@@ -132,14 +132,16 @@ def test_a_runtime_that_hangs_is_lost_and_comes_back() -> None:
         ({"port": "tcp://10.0.0.1:7447"}, "unencrypted_network"),
     ],
 )
-def test_bad_options_are_refused(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValidationError, match=said):
+def test_bad_options_are_refused(options: dict[str, Any], output: str) -> None:
+    with pytest.raises(ValidationError, match=output):
         ZenohConfig(**({"port": "tcp://127.0.0.1:7447", "signals": {"p": GLOVE}} | options))
 
 
-@pytest.mark.parametrize("told", [{"shape": 3, "unit": "rad"}, {"shape": [3], "unit": "rad", "labels": [1, "a"]}, {}])
-def test_metadata_that_are_nonsense_are_refused(told: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "reported", [{"shape": 3, "unit": "rad"}, {"shape": [3], "unit": "rad", "labels": [1, "a"]}, {}]
+)
+def test_metadata_that_are_nonsense_are_refused(reported: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     remote = device("tcp://127.0.0.1:1", {"position": GLOVE | {"labels": ["a", "b", "c"]}})
-    monkeypatch.setattr(remote, "_ask", lambda key: {key: told})
+    monkeypatch.setattr(remote, "_ask", lambda key: {key: reported})
     with pytest.raises(DeviceError, match="the profile expects"):
         remote._check(remote._sources[0])

@@ -148,14 +148,14 @@ def test_another_field_of_a_joint_state(field: str) -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     good = joints(["a", "b"], 5, [1.0, 2.0])
-    for values, kind, payload, said in (
+    for values, kind, payload, output in (
         (Values("position", 3, (), None, False), messages.JOINT_STATE, good, "2 values"),
         (Values("position", 2, ("a", "x"), None, False), messages.JOINT_STATE, good, "its elements are a, b"),
         (Values("position", 2, (), None, False), messages.WRENCH, good, "WrenchStamped"),
         (Values("position", 2, (), None, False), "std_msgs/msg/String", good, "isn't read"),
         (Values("position", 2, (), None, False), messages.JOINT_STATE, joints(["a", "b"], 5, [1.0, np.nan]), "NaN"),
     ):
-        with pytest.raises(RequestError, match=said):
+        with pytest.raises(RequestError, match=output):
             values.read(kind, payload)
     let = Values("position", 2, (), None, True)
     assert np.isnan(let.read(messages.JOINT_STATE, joints(["a", "b"], 5, [1.0, np.nan])).values[1])

@@ -13,7 +13,7 @@ from helpers.run import Running, call
 
 from srl.runtime.bus.client import Client, connect
 from srl.runtime.contracts.errors import RequestError
-from srl.runtime.ipc.words import Cause, Latch, State
+from srl.runtime.ipc.header import Cause, Latch, State
 
 
 def test_states_requests_and_parameters(tmp_path: Path) -> None:

@@ -22,10 +22,10 @@ from srl.control.setpoint.jog import REST
 from srl.drivers.firmata.config import FirmataConfig
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.servo_record import ServoRecord
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, State
 from srl.runtime.models import record_file
 from srl.runtime.recording.reader import read
 
@@ -97,14 +97,14 @@ class Calibrating:
     def type(self, data: bytes) -> None:
         os.write(self.terminal, data)
 
-    def begun(self) -> None:
+    def started(self) -> None:
         self.sees("s start")
         self.layout = Layout.load(self.folder.layout)
         self.reader = RingReader(self.folder.rows)
         self.type(b"s")
         self.sees("Move 'flexion_3' until it stands at 0.3 rad")
-        begun = self.reader.head
-        self.until(lambda: self.reader.head > begun + 50 * REST + 20, "time in which no key is held")
+        started = self.reader.head
+        self.until(lambda: self.reader.head > started + 50 * REST + 20, "time in which no key is held")
 
     @property
     def applied(self) -> float:
@@ -145,10 +145,10 @@ class Calibrating:
             except OSError:
                 pass
             time.sleep(0.01)
-        _, said = self.process.communicate(timeout=60)
-        assert self.process.returncode == code, (self.process.returncode, said)
-        assert "Traceback" not in said
-        return str(said)
+        _, output = self.process.communicate(timeout=60)
+        assert self.process.returncode == code, (self.process.returncode, output)
+        assert "Traceback" not in output
+        return str(output)
 
 
 @contextmanager
@@ -168,7 +168,7 @@ def calibrating(folder: Path) -> Iterator[Calibrating]:
 
 def test_a_person_at_the_keys_makes_the_file_and_leaves_the_limb_at_its_new_home(tmp_path: Path) -> None:
     with calibrating(tmp_path) as run:
-        run.begun()
+        run.started()
         run.bring(0.1)  # there the person sees 0.3
         run.type(b"\r" + RIGHT * 20)  # while it is taken no key moves it
         run.sees("POSITIVE side")
@@ -212,7 +212,7 @@ ENDS: dict[str, tuple[Callable[[Calibrating], object], int | None]] = {
 def test_what_ends_in_the_middle_brakes_and_writes_nothing(end: str, tmp_path: Path) -> None:
     act, code = ENDS[end]
     with calibrating(tmp_path) as run:
-        run.begun()
+        run.started()
         loop = run.loop
         run.bring(0.3)
         for _ in range(5):

@@ -21,11 +21,11 @@ from helpers.wait import until
 from srl.commissioning.jog.hold import PAUSE
 from srl.control.setpoint.jog import REST
 from srl.runtime.contracts.servo_record import ServoRecord
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.presses import FRESH, MOVES
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, State
 from srl.runtime.models import record_file
 from srl.runtime.recording.reader import read
 from srl.runtime.web.operator.client import OperatorPage
@@ -50,11 +50,11 @@ class Guided:
     def says(self, part: str, words: str) -> None:
         shown = f"document.getElementById('{part}').innerText"
 
-        def said() -> bool:
+        def output() -> bool:
             self.keep_control()
             return words in str(self.page.value(shown))
 
-        until(said, what=lambda: f"'{words}': {self.page.value(shown)}", pause=0.05)
+        until(output, what=lambda: f"'{words}': {self.page.value(shown)}", pause=0.05)
 
     def keep_control(self) -> None:
         """A page that was silent for 3 s, as on a busy machine, has lost its control, and takes it again."""
@@ -104,9 +104,9 @@ class Guided:
             self.hold("" if abs(off) <= 0.004 else ("left", "right", ",", ".")[(off > 0) + 2 * (abs(off) < 0.1)])
             return abs(off) <= 0.008 and not self.down
 
-        said = "document.body.innerText"
+        output = "document.body.innerText"
         until(
-            there, what=lambda: f"the joint at {to}: {self.applied}, {self.page.value(said)}",
+            there, what=lambda: f"the joint at {to}: {self.applied}, {self.page.value(output)}",
             timeout=120.0, pause=0.02,
         )  # fmt: skip
         self.passed(0.3)
@@ -182,9 +182,9 @@ def test_a_person_at_the_page_makes_the_file_and_a_key_held_into_the_next_step_m
         made.hold("")
         made.click("guide_on")
         made.says("guide_task", "The calibration is done")
-        said, _ = made.run.communicate(timeout=60)
-    assert made.run.returncode == 0, said
-    assert "Traceback" not in said
+        output, _ = made.run.communicate(timeout=60)
+    assert made.run.returncode == 0, output
+    assert "Traceback" not in output
     line = record_file.read(ServoRecord, tmp_path / "tip.json").joints["flexion_3"]
     assert (line.direction, line.scale, line.known) == (-1, 1.0, False)
     assert line.trim == pytest.approx(-taken - 0.3, abs=0.005)  # the mean of the hold, with the end of its braking
@@ -199,11 +199,11 @@ def test_the_page_is_gone_with_a_held_key_and_the_run_is_ended_by_a_signal(tmp_p
             int(pid) for pid in Path(f"/proc/{made.run.pid}/task/{made.run.pid}/children").read_text().split()
             if b"srl.runtime.loop" in Path(f"/proc/{pid}/cmdline").read_bytes()
         ]  # fmt: skip
-        begun = made.applied
+        started = made.applied
 
         def moves() -> bool:
             made.hold("right")  # again, where pictures were late
-            return made.applied > begun + 0.1
+            return made.applied > started + 0.1
 
         until(moves, what="motion", timeout=80.0)
         os.kill(made.panel.pid, signal.SIGKILL)
@@ -217,9 +217,9 @@ def test_the_page_is_gone_with_a_held_key_and_the_run_is_ended_by_a_signal(tmp_p
         assert after.any()
         assert np.ptp(made.layout.value(rows[after], "finger.position_command.applied")[:, 0]) < 1e-9
         made.run.send_signal(signal.SIGINT)
-        said, _ = made.run.communicate(timeout=60)
-        assert made.run.returncode == 130, said
-        assert "Traceback" not in said
+        output, _ = made.run.communicate(timeout=60)
+        assert made.run.returncode == 130, output
+        assert "Traceback" not in output
         until(lambda: not any(map(alive, loop)), what="the end of the loop")
         assert State(int(made.rows()[-1][CYCLE.state])) is State.ENDED
     assert not (tmp_path / "tip.json").exists()

@@ -21,7 +21,7 @@ from helpers.live_can import Live
 from helpers.run import Running, call
 from helpers.wait import until
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.sim.devices.cubemars_servo.twin import CubemarsServoTwin
 from srl.sim.devices.odrive.twin import OdriveTwin
 from srl.sim.devices.shared.can import CanTwin

@@ -22,7 +22,7 @@ from helpers.wait import until
 
 from srl.drivers.mit_can import protocol
 from srl.drivers.mit_can.protocol import Register
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.sim.devices.mit_can.twin import MitCanTwin
 from srl.sim.parts.actuators.motors import WINDING_BIT
 
@@ -143,7 +143,7 @@ def damps(live: Live, since: float) -> float | None:
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CASES)
 def test_what_a_fault_does_to_the_wearer(limb: Any, tmp_path: Path, name: str) -> None:
-    fault, told = CASES[name]
+    fault, reported = CASES[name]
     twin = make()
     with Live(twin) as live, Running(tmp_path, str(limb(twin)), instance="limb") as run:
         run.started()
@@ -171,7 +171,7 @@ def test_what_a_fault_does_to_the_wearer(limb: Any, tmp_path: Path, name: str) -
     row += [f"{abs(v[0]):.2f}, {abs(v[ELBOW]):.2f}" for v in (torque[0], moved, np.abs(torque).max(axis=0), steps)]
     print(f"\n| {name} | " + " | ".join(row) + f" | {state.name.lower()}")
     assert "Traceback" not in run.stderr
-    assert told in run.stderr
+    assert reported in run.stderr
     assert np.abs(torque).max() < 40.0
     if fault is nothing:
         assert state is State.ACTIVE

@@ -19,7 +19,7 @@ from srl.runtime.cli import main
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc.control_socket import send_note
 from srl.runtime.ipc.events import EventReader
-from srl.runtime.ipc.words import Cause, State
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.recording.reader import read
 from srl.runtime.recording.segments import folder_of, listed
 
@@ -120,9 +120,9 @@ def test_when_everything_is_killed_at_once_every_row_that_was_taken_is_there(
     assert [event.text for event in kept.events] == [event.text for event in ring.events[: len(kept.events)]]
     assert not out.exists()
     assert main(["recordings", str(tmp_path), "--json"]) == 0
-    (told,) = (e for e in json.loads(capsys.readouterr().out)["recordings"] if e["name"] == "x.rrd.segments")
-    assert f"hasn't finished it; it has rows to number {len(kept.rows)}" in told["problem"]
-    assert ("torn" in told["problem"]) == (kept.salvaged > 0)
+    (reported,) = (e for e in json.loads(capsys.readouterr().out)["recordings"] if e["name"] == "x.rrd.segments")
+    assert f"hasn't finished it; it has rows to number {len(kept.rows)}" in reported["problem"]
+    assert ("torn" in reported["problem"]) == (kept.salvaged > 0)
     assert main(["replay", str(folder_of(out))]) == 0
     files = [file.name for file in listed(folder_of(out))]
     print(f"{len(ring.rows)} rows were computed, {len(kept.rows)} kept, {kept.salvaged} bytes torn, in {files}")

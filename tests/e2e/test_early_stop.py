@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers.run import Running, call
 
-from srl.runtime.ipc.words import Latch, State
+from srl.runtime.ipc.header import Latch, State
 
 pytestmark = pytest.mark.slow
 
@@ -18,9 +18,9 @@ def test_a_stop_during_the_start_is_a_stop(tmp_path: Path) -> None:
         run.until(run.run_folder.is_claimed, "the claim")
         # On a slow machine the loop's answer takes longer than a person should wait, or the command comes after the
         # limb has begun. The stop counts all the same.
-        said = call(tmp_path, "stop", "sixth-finger", code=None)
-        answered = said.stdout in ("sixth-finger: stopped\n", "sixth-finger: stopping\n")
-        assert answered or "use the hardware stop" in said.stderr.lower()
+        output = call(tmp_path, "stop", "sixth-finger", code=None)
+        answered = output.stdout in ("sixth-finger: stopped\n", "sixth-finger: stopping\n")
+        assert answered or "use the hardware stop" in output.stderr.lower()
         run.started()
         run.until(lambda: run.word("state") == State.STOPPED, "the stop")
         assert run.word("latches") == Latch.PERSON

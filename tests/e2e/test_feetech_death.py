@@ -13,7 +13,7 @@ from helpers.run import Running, call, summary
 from helpers.twin import Bench
 from helpers.wait import until
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 
 pytestmark = pytest.mark.slow
 
@@ -62,7 +62,7 @@ def write(folder: Path, stop: str, port: str) -> Path:
 
 
 def torque(twin: FeetechTwin) -> object:
-    return twin.figures()["torque"]
+    return twin.metrics()["torque"]
 
 
 @pytest.mark.parametrize("stop", ["hold", "limp"])

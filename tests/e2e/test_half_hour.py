@@ -26,7 +26,7 @@ from helpers.srl_twin import TwinProcess
 from helpers.wait import until
 
 from srl.commissioning.calibration.glove.shapes import LAST, Angles, shapes
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.recording.reader import read
 
 PAGE = ROOT / "docs" / "half-hour.md"
@@ -44,12 +44,12 @@ def hand(path: Path) -> None:
     every = shapes(Angles())
     rows = [(0.0, {})]
     for number in range(1, LAST + 1):
-        begun = rows[-1][0] + MOVES
+        started = rows[-1][0] + MOVES
         held = FIRST if number == 1 else HELD
-        rows += [(begun, every[number].angles), (begun + held, every[number].angles)]
-    fist, begun = every[2].angles, rows[-1][0]
+        rows += [(started, every[number].angles), (started + held, every[number].angles)]
+    fist, started = every[2].angles, rows[-1][0]
     for i in range(round(AFTER / 4)):
-        rows += [(begun + 4 * i + 2, {name: 0.6 * angle for name, angle in fist.items()}), (begun + 4 * i + 4, {})]
+        rows += [(started + 4 * i + 2, {name: 0.6 * angle for name, angle in fist.items()}), (started + 4 * i + 4, {})]
     lines = [",".join(["time", *NAMES])]
     lines += [",".join(str(x) for x in (t, *(angles.get(name, 0.0) for name in NAMES))) for t, angles in rows]
     path.write_text("\n".join(lines) + "\n")
@@ -70,23 +70,23 @@ class Lab:
 
     def types(self, line: str, code: int = 0) -> str:
         """Runs a command to its end. Returns what it printed."""
-        begun = time.monotonic()
+        started = time.monotonic()
         done = subprocess.run(
             srl(*line.split()[1:]), env=self.environment, cwd=self.folder, capture_output=True, text=True,
             stdin=subprocess.DEVNULL, check=False, timeout=110,
         )  # fmt: skip
-        self.log.append((line, time.monotonic() - begun))
+        self.log.append((line, time.monotonic() - started))
         assert done.returncode == code, f"{line}: exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done.stdout + done.stderr
 
     @contextmanager
     def terminal(self, line: str) -> Iterator[Terminal]:
         """A command on a terminal of its own; it must have ended at the end of the `with`."""
-        begun = time.monotonic()
+        started = time.monotonic()
         with Terminal(srl(*line.split()[1:]), self) as terminal:
             yield terminal
             terminal.until(lambda: terminal.process.poll() is not None, "its end")
-        self.log.append((line, time.monotonic() - begun))
+        self.log.append((line, time.monotonic() - started))
         assert terminal.process.returncode == 0, terminal.text[-3000:]
 
 

@@ -17,7 +17,7 @@ from helpers.wait import until
 
 from srl.runtime.bus.client import Client, connect
 from srl.runtime.ipc.control_socket import send_request
-from srl.runtime.ipc.words import Cause, State
+from srl.runtime.ipc.header import Cause, State
 
 HANG = 3.0  # s
 
@@ -77,7 +77,7 @@ def streaming(client: Client, case: Case) -> Iterator[None]:
 
 
 def moved(peer: Peer, case: Case) -> np.ndarray:
-    return np.array(peer.figures()["truth"][case.truth])
+    return np.array(peer.metrics()["truth"][case.truth])
 
 
 def until_moving(run: Running, client: Client, peer: Peer, case: Case) -> None:

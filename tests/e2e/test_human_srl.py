@@ -13,7 +13,7 @@ from helpers.skeleton import FOLDER, human_srl
 
 from srl.control.skeleton.kinematics import Kinematics
 from srl.control.skeleton.paper import PaperVector
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.models.skeleton import bvh
 from srl.runtime.profile import profile
 from srl.runtime.recording.reader import Recording, read
@@ -125,7 +125,7 @@ def test_a_suit_that_is_gone_holds_the_arm(tmp_path: Path) -> None:
     done, recording = run(
         tmp_path, "human-srl", "--duration", "9", "--set", "sim.devices.suit.loss=[[5.2,15.0]]", code=1
     )
-    assert (done["state"], done["cause"], done["culprit"]) == ("ended", "intent_loss", "suit")
+    assert (done["state"], done["cause"], done["fault_source"]) == ("ended", "intent_loss", "suit")
     now = (recording.int("now") - recording.int("now")[0]) / 1e9
     first = float(now[recording.int("state") == State.STOPPING][0])
     assert first == pytest.approx(5.2, abs=0.03)

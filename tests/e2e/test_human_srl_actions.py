@@ -10,7 +10,7 @@ import pytest
 from helpers.run import call, summary
 
 from srl.runtime.contracts.wearer import Action
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.recording.reader import read
 from srl.sim.parts.body.whole_body_wearer import ACTION
 

@@ -34,10 +34,10 @@ def test_task_is_taught_repeated_and_replayed(tmp_path: Path) -> None:
         )
     )
     assert (done["state"], done["cause"]) == ("ended", "end")
-    told = done["result"]["task"]
-    assert (told["taught"], told["refused"]) == (1, None)
-    assert told["done"] >= 1
-    assert told["error_mean_mm"] < 15.0
+    reported = done["result"]["task"]
+    assert (reported["taught"], reported["refused"]) == (1, None)
+    assert reported["done"] >= 1
+    assert reported["error_mean_mm"] < 15.0
     recording = read(tmp_path / "x.rrd")
     modes = recording.value("task.state")[:, 0].astype(int)
     order = [mode for i, mode in enumerate(modes) if i == 0 or modes[i - 1] != mode]
@@ -55,12 +55,12 @@ def test_task_is_calibrated_and_run_from_its_file(tmp_path: Path) -> None:
         tmp_path, "calibrate", "human-srl-task", "independent-operation", "--person", "P07", "--sim", "--json",
         "-o", "p07.task.json", "--record", "shown.rrd", *actions, timeout=400,
     )  # fmt: skip
-    told = json.loads(done.stdout)
-    assert told["simulated"] is True
+    reported = json.loads(done.stdout)
+    assert reported["simulated"] is True
     assert (tmp_path / "p07.task.json.report.png").stat().st_size > 10_000
     made = record_file.read(TaskRecord, tmp_path / "p07.task.json")
     assert (made.person, made.frame, made.hand) == ("P07", "Spine", "RightHand")
-    assert made.path.length == pytest.approx(told["length_m"], abs=1e-3)
+    assert made.path.length == pytest.approx(reported["length_m"], abs=1e-3)
     call(
         tmp_path, "calibrate", "human-srl-task", "independent-operation", "--recording", "shown.rrd",
         "-o", "again.task.json", *actions, timeout=400,
@@ -71,9 +71,9 @@ def test_task_is_calibrated_and_run_from_its_file(tmp_path: Path) -> None:
         "--set", "controllers.1.task=p07.task.json", "--set", "sim.parts.wearer.script=still",
         "--set", "sim.devices.lever.presses=[]", timeout=400,
     )  # fmt: skip
-    told = summary(ran)["result"]["task"]
-    assert told["person"] == "P07"
-    assert told["done"] >= 1
+    reported = summary(ran)["result"]["task"]
+    assert reported["person"] == "P07"
+    assert reported["done"] >= 1
 
 
 def test_task_out_of_reach_is_refused_by_the_calibration(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from ruamel.yaml import YAML
 from scipy.spatial import cKDTree
 
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import FLAG_RESEATED, LINK_STALE, Cause, State
+from srl.runtime.ipc.header import FLAG_RESYNCHRONISED, LINK_STALE, Cause, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 from srl.runtime.recording.reader import Recording, read
@@ -176,6 +176,6 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
     velocity = np.diff(applied, axis=0) / (layout.word(rows, "dt")[1:, None] * 1e-9)
     begun = int(np.flatnonzero(states == State.ACTIVE)[0])  # before, `applied` follows what the servos report
     # On a machine so busy that the servos' link stalls, a guard begins anew at what was sent.
-    anew = layout.word(rows, "flags")[1:] & FLAG_RESEATED != 0
+    anew = layout.word(rows, "flags")[1:] & FLAG_RESYNCHRONISED != 0
     assert np.abs(velocity[begun:][~anew[begun:]]).max() <= 4.0 * (1 + 1e-6)
     assert np.abs(np.diff(velocity[first - 50 :], axis=0)).max() <= 40.0 * 0.010 * 2.05

@@ -20,7 +20,7 @@ import pytest
 from helpers.lever import write_package
 
 from srl.runtime.cli import COMMANDS, others
-from srl.runtime.profile import shelf
+from srl.runtime.profile import library
 from srl.runtime.recording.reader import read
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -156,16 +156,16 @@ def in_one_process(installed: Installed, *commands: list[str]) -> list[str]:
 
 def test_each_commands_help(installed: Installed) -> None:
     commands = (*COMMANDS, *others.commands())
-    said = in_one_process(installed, *([command, "--help"] for command in commands))
-    for command, words in zip(commands, said, strict=True):
+    output = in_one_process(installed, *([command, "--help"] for command in commands))
+    for command, words in zip(commands, output, strict=True):
         assert words.startswith(f"usage: srl {command}")
 
 
 def test_every_shipped_profile_is_listed_and_checked(installed: Installed) -> None:
     names = [each["name"] for each in json.loads(installed.run("srl", "list", "--json"))["profiles"]]
-    assert names == shelf.shipped()
-    said = in_one_process(installed, *(["check", name, "--sim", "--json"] for name in names))
-    assert [json.loads(each)["profile"] for each in said] == names
+    assert names == library.shipped()
+    output = in_one_process(installed, *(["check", name, "--sim", "--json"] for name in names))
+    assert [json.loads(each)["profile"] for each in output] == names
 
 
 def test_a_run_is_recorded_drawn_and_replayed(installed: Installed) -> None:
@@ -187,8 +187,8 @@ def test_the_panels_page_is_there(installed: Installed) -> None:
 @pytest.mark.sampled(1)  # that every data file is there is seen above
 @pytest.mark.parametrize("study", STUDIES)
 def test_a_study_of_each_family_runs(installed: Installed, study: str) -> None:
-    said = installed.run("srl", "study", study, "--quick", "--workers", "2", "--json", "--out", "out")
-    result = json.loads(said)
+    output = installed.run("srl", "study", study, "--quick", "--workers", "2", "--json", "--out", "out")
+    result = json.loads(output)
     assert result["simulated"] is True
     assert result["claims"]
     assert all((installed.folder / "out" / study / name).exists() for name in result["files"])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.ipc.requests import RequestKind
-from srl.runtime.ipc.words import CYCLE, Cause, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 

@@ -20,7 +20,7 @@ from helpers.wait import until
 
 from srl.runtime.bus.client import Client, connect
 from srl.runtime.contracts.errors import RequestError
-from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.ipc.header import CYCLE, State
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from helpers.firmata import ScriptedBoard
 from helpers.run import Running, alive, environment
 from helpers.wait import until
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.recording.reader import read
 
 pytestmark = pytest.mark.slow

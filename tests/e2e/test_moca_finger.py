@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.profile import profile
 from srl.testing import simulate
 
@@ -18,8 +18,8 @@ def test_the_robot_is_led_and_the_finger_follows_the_hand() -> None:
     assert run.states()[-1] is State.ACTIVE
     # The plan's first part: the arm is led by (0.15, 0.1, -0.1) m.
     tool = run.value("tool.pose")[:, :3]
-    begun = int(np.argmax(tool.any(axis=1)))
-    led = tool[4500] - tool[begun]
+    started = int(np.argmax(tool.any(axis=1)))
+    led = tool[4500] - tool[started]
     assert led == pytest.approx([0.15, 0.1, -0.1], abs=0.03)
     # The hand goes where the handle goes: its pose in the control point's frame stays what the tree says.
     hand = run.value("world.hand_pose")

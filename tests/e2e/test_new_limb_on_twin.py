@@ -12,12 +12,12 @@ from helpers.arm_urdf import HIP
 from helpers.run import call
 from helpers.srl_twin import TwinProcess
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.recording.reader import read
 
 pytestmark = [pytest.mark.slow, pytest.mark.serial]
 
-SAID = {
+REPORT_EVERY = {
     "odrive": ("firmware=0.5", "watchdog_set=true"),
     "cubemars-servo": ("timeout=1.0",),
     "mit-can": ("maker=damiao",),
@@ -25,17 +25,17 @@ SAID = {
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("driver", SAID)
+@pytest.mark.parametrize("driver", REPORT_EVERY)
 def test_a_new_limb_is_held_by_its_twin_s_drives(driver: str, tmp_path: Path) -> None:
     (tmp_path / "hip.urdf").write_text(HIP)
-    said = [word for each in SAID[driver] for word in ("--set", f"devices.arm.{each}")]
-    call(tmp_path, "new", "mine", "--urdf", "hip.urdf", "--tip", "tool", "--driver", driver, *said)
+    output = [word for each in REPORT_EVERY[driver] for word in ("--set", f"devices.arm.{each}")]
+    call(tmp_path, "new", "mine", "--urdf", "hip.urdf", "--tip", "tool", "--driver", driver, *output)
     with TwinProcess(str(tmp_path / "mine.yaml")) as twin:
         with contextlib.suppress(PermissionError):  # what else runs on this machine is no silence of the drives
             os.sched_setscheduler(twin.process.pid, os.SCHED_FIFO, os.sched_param(10))
         done = call(tmp_path, *twin.run, "--duration", "4", "--record", "on.rrd", "--json", code=None)
         os.sched_setscheduler(twin.process.pid, os.SCHED_OTHER, os.sched_param(0))
-    assert done.returncode == 0, f"{done.stderr}\n{twin.said}"
+    assert done.returncode == 0, f"{done.stderr}\n{twin.output}"
     recording = read(tmp_path / "on.rrd")
     state = recording.int("state")
     first = int(np.argmax(state == State.ACTIVE))

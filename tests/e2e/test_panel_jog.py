@@ -16,13 +16,13 @@ from helpers.chromium import Chromium, Page
 from helpers.run import call, environment, srl
 from helpers.wait import until
 
-from srl.commissioning.jog.cut import RAMP
+from srl.commissioning.jog.profile_subset import RAMP
 from srl.control.setpoint.jog import REST
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.presses import FRESH, MOVES
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, State
 from srl.runtime.web.operator.client import OperatorPage
 
 pytestmark = pytest.mark.slow
@@ -46,8 +46,8 @@ class Jogged:
             until(lambda seen=seen: self.reader.head > seen + 100 * REST + 20, what="time in which no key is held")
             self.page.value("document.getElementById('jog').focus()")
             self.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **RIGHT)
-            begun = self.reader.head
-            most = begun + (1 << 40 if last else 600)
+            started = self.reader.head
+            most = started + (1 << 40 if last else 600)
             until(lambda most=most: self._moves() or self.reader.head > most, what="motion")
             if self._moves():
                 return
@@ -102,9 +102,9 @@ def jogged(folder: Path, browser: Chromium) -> Iterator[Jogged]:
             yield Jogged(folder, run, panel, page)
     finally:
         run.send_signal(signal.SIGINT)
-        said, _ = run.communicate(timeout=60)
-    assert run.returncode == 0, said
-    assert "Traceback" not in said
+        output, _ = run.communicate(timeout=60)
+    assert run.returncode == 0, output
+    assert "Traceback" not in output
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.run import call
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.recording.reader import read
 from srl.runtime.recording.shapes import UNKNOWN, distance_colors
 from srl.runtime.web.panel.picture import View

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.run import call, summary
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.loop.replay import perturbed, replay
 from srl.runtime.recording.reader import Recording, read
 
@@ -82,8 +82,8 @@ def test_the_physics_follows_what_was_applied_not_its_echo(recording: Recording)
 
 def test_commands_stay_within_the_guards_limits(recording: Recording) -> None:
     applied = recording.layout.value(recording.rows, "finger.position_command.applied")
-    begun = int(np.argmax(recording.layout.word(recording.rows, "state") == State.ACTIVE))
-    velocity = np.diff(applied[begun:], axis=0) * 100
+    started = int(np.argmax(recording.layout.word(recording.rows, "state") == State.ACTIVE))
+    velocity = np.diff(applied[started:], axis=0) * 100
     assert np.abs(velocity).max() <= 4.0 + 1e-6
     assert (
         np.abs(np.diff(velocity, axis=0)).max() * 100 <= 40.0 * (1 + 1e-6) * 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 

@@ -18,7 +18,7 @@ from helpers.run import call, summary
 from ruamel.yaml import YAML
 
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.models.robots import PANDA, UR16E
 from srl.runtime.recording.reader import Recording, read
 
@@ -237,6 +237,6 @@ def test_a_closed_gripper_that_hits_a_table_stops_kairos(tmp_path: Path) -> None
     late = 1e3 * (stop - first) * dt
     print(f"stop {late:.0f} ms after the touch, force then {force[stop]:.0f} N, largest {force[first:].max():.0f} N")
     assert found["cause"] == "contact"
-    assert found["culprit"] == "held"
+    assert found["fault_source"] == "held"
     assert late < 60.0
     assert force[-100:].max() < force[first:].max()

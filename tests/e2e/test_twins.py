@@ -15,7 +15,7 @@ import pytest
 from helpers.run import Running, alive, call, environment, srl
 from scipy.spatial import cKDTree
 
-from srl.runtime.ipc.words import LINK_STALE, Cause, State
+from srl.runtime.ipc.header import LINK_STALE, Cause, State
 from srl.runtime.recording.reader import Recording, read
 
 pytestmark = pytest.mark.serial  # a loop that is held up for 0.1 s counts as hung, a glove silent for 0.1 s as lost

@@ -24,8 +24,8 @@ from helpers.zenoh import certificates
 
 from srl.drivers.cyberglove.protocol import LABELS
 from srl.drivers.zenoh import Zenoh
+from srl.runtime.ipc.header import CYCLE, LINK_STALE, Cause, State
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, LINK_STALE, Cause, State
 from srl.studies.faults.device_trial import Bench
 from srl.studies.faults.steps import ROUNDING, largest
 

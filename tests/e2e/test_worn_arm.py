@@ -14,7 +14,7 @@ from helpers.worn_arm import RATE, TrueWeight, bench, worn
 
 from srl.runtime.contracts.rotation import exp
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.testing import Lab, Simulated, simulate
 
 pytestmark = pytest.mark.slow
@@ -116,11 +116,11 @@ def test_without_hand_or_sensor_it_holds_where_it_is(device: str, fault: dict[st
     with Lab(plain) as lab:
         lab.run(2.9)
         lab.until("stopped", most=3.0)
-        told, before = lab.time - 3.0, np.array(lab["world.arm_tip"])
+        reported, before = lab.time - 3.0, np.array(lab["world.arm_tip"])
         lab.run(1.0)
         sunk = 1e3 * float(np.linalg.norm(lab["world.arm_tip"] - before))
-        print(f"\n{device}: stopped after {told:.2f} s by {lab.cause}; {sunk:.0f} mm in the second after")
-        assert told < most
+        print(f"\n{device}: stopped after {reported:.2f} s by {lab.cause}; {sunk:.0f} mm in the second after")
+        assert reported < most
         assert sunk < 25.0
 
 
@@ -155,13 +155,13 @@ def test_a_sensor_that_is_mounted_wrong_is_refused_before_anything_moves(turned:
     with Lab(plain) as lab:
         lab.until("stopped")
         before = np.array(lab["world.arm_position"])
-        (said,) = (text for text in lab.events if text.startswith("controller 'body'"))
-        assert "in the arm's base, and a worn base leans by 60 at most ('tilt_limit')" in said
+        (output,) = (text for text in lab.events if text.startswith("controller 'body'"))
+        assert "in the arm's base, and a worn base leans by 60 at most ('tilt_limit')" in output
         lab.reset()
         lab.run(2.0)
         moved = np.abs(np.array(lab["world.arm_position"]) - before)
         print(f"\nmounted wrong by {np.rad2deg(turned):.0f} degrees: joints moved by {moved.round(3)} rad")
-        assert (lab.state, lab.cause, lab.culprit) == ("stopped", "intent_loss", "base")
+        assert (lab.state, lab.cause, lab.fault_source) == ("stopped", "intent_loss", "base")
         assert moved.max() < 0.05
 
 
@@ -169,7 +169,7 @@ def test_a_sensor_that_is_mounted_wrong_is_refused_before_anything_moves(turned:
 def test_a_base_that_leans_too_far_stops_the_limb_and_does_not_drop_it(lean: float) -> None:
     with leaning(lean) as lab:
         lab.until("stopped", most=2.0)
-        assert (lab.cause, lab.culprit) == ("intent_loss", "base")
+        assert (lab.cause, lab.fault_source) == ("intent_loss", "base")
         assert any("a worn base leans by 60 at most ('tilt_limit')" in text for text in lab.events)
         lab.run(0.2)
         before = np.array(lab["world.arm_position"])

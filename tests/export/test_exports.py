@@ -18,8 +18,8 @@ from srl.runtime.contracts.errors import RecordingError, RequestError
 from srl.runtime.contracts.field import Field
 from srl.runtime.export import formats, parquet_file, report
 from srl.runtime.ipc.events import Event, Level
+from srl.runtime.ipc.header import LINK_CONNECTED
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import LINK_CONNECTED
 from srl.runtime.pictures.figure import draw
 from srl.runtime.profile import profile, wiring
 from srl.runtime.recording.elements import elements
@@ -272,8 +272,12 @@ def test_bids_motion_follows_the_specification(tmp_path: Path) -> None:
     true = recording.value("glove.position")[:, 0]
     assert [float(v) for i, v in enumerate(values) if i != 5] == [v for i, v in enumerate(true.tolist()) if i != 5]
     assert [float(row[0]) for row in motion] == ((recording.int("now") - recording.int("now")[0]) / 1e9).tolist()
-    told = json.loads(Path(f"{stem}_motion.json").read_text())
-    assert (told["SamplingFrequency"], told["TaskName"], told["JNTANGChannelCount"]) == (1000.0, "made-up", 22)
+    reported = json.loads(Path(f"{stem}_motion.json").read_text())
+    assert (reported["SamplingFrequency"], reported["TaskName"], reported["JNTANGChannelCount"]) == (
+        1000.0,
+        "made-up",
+        22,
+    )
     levels = json.loads(Path(f"{stem}_channels.json").read_text())["reference_frame"]["Levels"]
     assert "base" in levels
     formats.write("bids", recording, tmp_path, person="P07")

@@ -17,12 +17,12 @@ from helpers.panel import SIGNAL, MadeUpLoop
 from helpers.run import environment, refused, srl
 
 from srl.runtime.contracts.errors import RecordingError, RequestError
-from srl.runtime.contracts.reach import reachable
+from srl.runtime.contracts.exposure import reachable
 from srl.runtime.export.lsl_channels import Channels
 from srl.runtime.export.lsl_outlet import Outlet
+from srl.runtime.ipc.header import DEVICE, Cause, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.rows import LOOK
-from srl.runtime.ipc.words import DEVICE, Cause, State
 from srl.runtime.recording.reader import read
 
 NAMESPACE = ("unshare", "-rn")  # a network of its own, without privileges
@@ -188,7 +188,7 @@ def in_namespace(command: str, folder: Path, timeout: float = 100) -> subprocess
 @pytest.mark.slow
 @needs_namespaces
 def test_who_could_read_it_is_tried(tmp_path: Path) -> None:
-    look = f"{sys.executable} -c 'from srl.runtime.contracts.reach import reachable; print(reachable())'"
+    look = f"{sys.executable} -c 'from srl.runtime.contracts.exposure import reachable; print(reachable())'"
     assert in_namespace(look, tmp_path).stdout == "[]\n"
     lab = "ip addr add 10.98.7.6/32 dev lo;"
     assert in_namespace(f"{lab} {look}", tmp_path).stdout == "['10.98.7.6']\n"
@@ -229,7 +229,7 @@ print(main(["lsl", "--signals", "law.x"]))
 def test_an_address_that_nobody_can_reach_isn_t_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     trie = tmp_path / "trie"
     trie.write_text("     |-- 127.0.0.1\n        /32 host LOCAL\n     |-- 203.0.113.9\n        /32 host LOCAL\n")
-    monkeypatch.setattr("srl.runtime.contracts.reach.ADDRESSES", trie)
+    monkeypatch.setattr("srl.runtime.contracts.exposure.ADDRESSES", trie)
     assert reachable() == []  # no address of this machine: nothing can listen there
 
 

@@ -97,7 +97,7 @@ def test_each_joint_has_the_limits_of_its_own_name(kind, more, stop):
         if k % 20 == 0:
             wanted, stopping = random.uniform(-20.0, 20.0, 3), bool(k % 100 >= 60)
         for n, (guard, (applied, q, qd, sent)) in enumerate(guards):
-            guard.reseat(k > 0, 0.01)
+            guard.resynchronise(k > 0, 0.01)
             if stopping:
                 guard.stop(stop, 0.01)
             else:

@@ -109,16 +109,16 @@ def test_a_reachable_target_is_reached_and_kept(start, target, jerk):
     assert not guard.limited
 
 
-@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("reported", [True, False])
 @pytest.mark.parametrize(("jerk", "error"), [(None, 1e-12), (1000.0, 2e-4)])
 @pytest.mark.parametrize(("frequency", "amplitude"), [(0.5, 0.5), (1.0, 0.5), (2.0, 0.2), (2.0, 0.24)])
-def test_motion_within_limits_is_followed_without_lag(told, jerk, error, frequency, amplitude):
+def test_motion_within_limits_is_followed_without_lag(reported, jerk, error, frequency, amplitude):
     guard = position_guard(jerk)
     guard.reset(np.zeros(1))
     w = 2 * pi * frequency
     errors = []
     for t in DT * np.arange(1, 400):
-        rate = np.array([amplitude * w * np.cos(w * t)]) if told else None
+        rate = np.array([amplitude * w * np.cos(w * t)]) if reported else None
         guard.step(np.array([amplitude * np.sin(w * t)]), rate, DT)
         errors.append(abs(guard.applied[0] - amplitude * np.sin(w * t)))
     assert max(errors[200:]) <= error  # a lag of one cycle would be amplitude w dt, 0.016 to 0.03
@@ -234,14 +234,14 @@ def test_a_joint_does_not_feel_its_neighbours():
         assert alone.applied[0] == pair.applied[0]
 
 
-@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("reported", [True, False])
 @pytest.mark.parametrize("far", [1e10, 1e13, 1e14, 1e16, -1e99, 1e308])
 @pytest.mark.parametrize("start", [0.0, 0.01, -0.5])
-def test_a_target_beyond_all_reason_moves_no_joint_faster_than_its_limits(start, far, told):
+def test_a_target_beyond_all_reason_moves_no_joint_faster_than_its_limits(start, far, reported):
     """Without position limits. The last digit of 1e14 is 0.016: positions near it are as coarse."""
     guard = guard_of(Kind.POSITION, velocity=V, acceleration=A)
     guard.reset(np.array([start]))
-    rate = np.zeros(1) if told else None
+    rate = np.zeros(1) if reported else None
     p, v = start, 0.0
     for k in range(90):
         guard.step(np.array([far if k % 30 < 15 else 0.2]), rate, DT)

@@ -65,8 +65,8 @@ def test_a_velocity_that_is_filtered_and_a_little_off_is_never_wrong(
         q += speed / turn * np.sin(turn * t + phase)
         w += scale * speed / np.hypot(1.0, turn * lag) * np.cos(turn * t + phase - np.arctan(turn * lag))
     joints = Joints()
-    for here, said in zip(q.tolist(), w.tolist(), strict=True):
-        assert joints.sample(here, said, 1 / rate) == -1
+    for here, output in zip(q.tolist(), w.tolist(), strict=True):
+        assert joints.sample(here, output, 1 / rate) == -1
 
 
 @pytest.mark.parametrize("in_c", WAYS)
@@ -179,10 +179,10 @@ def test_c_finds_what_python_finds_of_a_motion_that_goes_wrong_for_a_while(seed:
         dt = float(random.choice((0.002, 0.01, 0.05)))
         w += random.normal(0.0, 0.3, 4)
         q += w * dt
-        said = np.where(random.random(4) < 0.1, random.choice((np.nan, 0.0, 30.0), 4), w)
+        output = np.where(random.random(4) < 0.1, random.choice((np.nan, 0.0, 30.0), 4), w)
         found = []
         for joints in both:
-            joints.q[:], joints.w[:] = q, said
+            joints.q[:], joints.w[:] = q, output
             found.append(joints.check.step(dt))
         wrong += found[0] >= 0
         assert found[0] == found[1]

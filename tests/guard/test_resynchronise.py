@@ -41,9 +41,9 @@ class Link:
         self.sent[:], self.left = values, True
 
     def cycle(self, desired: float | Array, takes: bool = True, dt: float = DT, stop: bool = False) -> float:
-        self.guard.reseat(self.left, dt)
+        self.guard.resynchronise(self.left, dt)
         self.left = False
-        self.seen.append(self.guard.reseated)
+        self.seen.append(self.guard.resynchronised)
         if stop:
             self.guard.stop(Stop.HOLD, dt)
         else:
@@ -125,7 +125,7 @@ def test_the_law_reads_back_where_the_device_is_before_it_computes_the_next_comm
         link.cycle(1.0)
     for _ in range(20):
         link.cycle(1.0, takes=False)
-    link.guard.reseat(link.left, DT)
+    link.guard.resynchronise(link.left, DT)
     assert link.applied[0] == link.sent[0]
 
 
@@ -198,7 +198,7 @@ def test_a_limiter_in_the_device_is_known_in_the_next_cycle() -> None:
         link.send(np.minimum(link.applied, 3.0))
         torques.append(float(link.applied[0]))
     assert max(torques) <= 3.0 + 200.0 * DT, "the guard's torque doesn't run away from the limited one"
-    assert link.guard.reseats > 10
+    assert link.guard.resyncs > 10
 
 
 @pytest.mark.parametrize("kind", list(Kind))
@@ -210,7 +210,7 @@ def test_until_the_first_command_has_left_the_guard_waits_at_its_start(kind: Kin
     for _ in range(50):
         link.cycle(1.0, takes=False)
     assert abs(link.applied[0] - start) <= RATE[kind] * DT
-    link.guard.reseat(link.left, DT)
+    link.guard.resynchronise(link.left, DT)
     assert link.applied[0] == start
 
 
@@ -231,7 +231,7 @@ def test_what_a_driver_reports_as_no_number_is_no_place_to_begin() -> None:
     for _ in range(30):
         link.cycle(1.0, takes=False)
         link.send(np.full(1, np.nan))
-    link.guard.reseat(link.left, DT)
+    link.guard.resynchronise(link.left, DT)
     assert link.applied[0] == last
 
 
@@ -273,7 +273,7 @@ def test_an_element_that_the_device_limits_leaves_the_others_alone() -> None:
 def test_a_law_that_integrates_moves_while_another_element_is_limited() -> None:
     link = Link(Kind.POSITION, resolution=1e-3, size=2)
     for _ in range(1000):
-        link.guard.reseat(link.left, DT)  # before the law, which reads it back
+        link.guard.resynchronise(link.left, DT)  # before the law, which reads it back
         link.guard.step(link.applied + np.array([1e-5, 1e-2]), None, DT)
         link.send(np.minimum(np.round(link.applied, 3), [1.0, 0.1]))
     assert link.applied[0] == pytest.approx(1000 * 1e-5, rel=0.01)
@@ -291,7 +291,7 @@ def test_a_command_that_leaves_in_the_next_read_is_no_limited_one() -> None:
     assert abs(float(applied[-1][0]) - wanted[-1]) < 1e-6
     for _ in range(20):
         link.cycle(wanted[-1] + 1.0, takes=False)
-    link.guard.reseat(False, DT)
+    link.guard.resynchronise(False, DT)
     assert link.applied[0] == link.sent[0], "and a stall is still found"
 
 

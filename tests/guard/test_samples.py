@@ -40,7 +40,7 @@ class Arm:
             self.check._steps = [(undone, piece, rows) for _, piece, rows in self.check._steps]
         self.now = 0
 
-    def led(self) -> Arm:
+    def was_active(self) -> Arm:
         self.check.expect("position", np.full(2, FAST))
         return self
 
@@ -60,7 +60,7 @@ class Arm:
 
 @pytest.mark.parametrize("wrong", [0.3, -0.3, 1.5, 100.0, 1e300, -3e38])
 def test_one_wrong_sample_is_not_taken_and_the_one_before_stays(wrong: float) -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     assert not arm.at(wrong, 0.2)
     assert arm.place == [0.1, 0.2]
@@ -71,7 +71,7 @@ def test_one_wrong_sample_is_not_taken_and_the_one_before_stays(wrong: float) ->
 
 
 def test_a_value_that_is_not_known_is_none_that_is_wrong() -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     assert arm.at(np.nan, 0.2)
     assert arm.at(np.inf, 0.2)
@@ -80,7 +80,7 @@ def test_a_value_that_is_not_known_is_none_that_is_wrong() -> None:
 
 
 def test_a_refused_sample_that_stands_still_grows_old() -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     assert not arm.at(0.9, 0.2)
     assert not arm.at(*arm.place, new=False, cycles=5)
@@ -88,7 +88,7 @@ def test_a_refused_sample_that_stands_still_grows_old() -> None:
 
 
 def test_the_first_samples_must_agree_before_any_counts() -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(3.0, 0.2)
     arm.at(0.1, 0.2)
     arm.at(0.1, 0.2, cycles=AGREE - 2)
@@ -101,7 +101,7 @@ def test_the_first_samples_must_agree_before_any_counts() -> None:
 
 
 def test_what_stays_where_it_jumped_to_is_taken_and_said() -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     taken = [arm.at(0.9, 0.2) for _ in range(AGREE)]
     assert taken == [False] * (AGREE - 1) + [True]
@@ -117,7 +117,7 @@ def test_a_joint_without_a_command_may_be_anywhere() -> None:
 
 
 def test_after_a_loss_it_may_be_anywhere() -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     arm.check.forget()
     arm.at(1.2, 0.2, cycles=AGREE)
@@ -132,7 +132,7 @@ motion = st.lists(st.floats(-1, 1), min_size=2, max_size=60)
 @given(motion, st.floats(-3, 3), st.sampled_from((1, 3, 16)))
 def test_no_motion_within_the_limit_is_ever_refused(speeds: list[float], start: float, every: int) -> None:
     """A device may sample more slowly than the loop runs."""
-    arm, q = Arm().led(), start
+    arm, q = Arm().was_active(), start
     arm.at(q, 0.0, cycles=AGREE)
     for k, share in enumerate(speeds):
         q += share * FAST * DT * 1e-9 * (k % every == 0)
@@ -141,7 +141,7 @@ def test_no_motion_within_the_limit_is_ever_refused(speeds: list[float], start: 
 
 @given(st.floats(1, 15), st.floats(20, 300))
 def test_a_hand_moves_a_limp_joint_faster_than_any_command_and_no_sample_is_refused(top: float, push: float) -> None:
-    arm, q, v = Arm().led(), 0.0, 0.0
+    arm, q, v = Arm().was_active(), 0.0, 0.0
     arm.at(q, 0.0, cycles=AGREE)
     dt = DT * 1e-9
     for _ in range(60):
@@ -156,7 +156,7 @@ def test_no_single_sample_moves_what_is_used_beyond_what_a_joint_can_do(
     speeds: list[float], when: int, wrong: float
 ) -> None:
     when %= len(speeds)
-    arm, q = Arm().led(), 0.0
+    arm, q = Arm().was_active(), 0.0
     arm.at(q, 0.0, cycles=AGREE)
     for k, share in enumerate(speeds):
         before = arm.place[0]
@@ -181,7 +181,7 @@ samples = st.lists(
 @pytest.mark.slow
 @given(samples)
 def test_c_judges_as_python_does(series: list[tuple[Any, ...]]) -> None:
-    both = Arm(True).led(), Arm(False).led()
+    both = Arm(True).was_active(), Arm(False).was_active()
     for *values, new, step in series:
         for arm in both:
             arm.now += step * DT
@@ -234,7 +234,7 @@ def test_each_state_has_its_own_range_and_only_what_is_commanded_its_steps() -> 
         *SIGNALS,
         Signal(name="force", shape=(1,), unit="N"),
     )
-    arm = Arm(signals=signals).led()
+    arm = Arm(signals=signals).was_active()
     arm.check.narrow("force", np.array([-20.0]), np.array([20.0]))
     arm.at(0.1, 0.2, cycles=AGREE, temperature=20.0, velocity=0.0, force=0.0)
     assert arm.at(0.1, 0.2, temperature=90.0, velocity=5.0)
@@ -251,7 +251,7 @@ def test_each_state_has_its_own_range_and_only_what_is_commanded_its_steps() -> 
 
 def test_a_joint_that_slides_has_a_margin_of_its_own_unit() -> None:
     slide = Signal(name="position", shape=(2,), unit="m", labels=JOINTS)
-    arm = Arm(signals=(slide,)).led()
+    arm = Arm(signals=(slide,)).was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     assert not arm.at(0.1 + SLACK["m"] + SPEED * FAST * DT * 1e-9 + 1e-6, 0.2)
     assert arm.at(0.1 + SLACK["m"], 0.2)
@@ -259,14 +259,14 @@ def test_a_joint_that_slides_has_a_margin_of_its_own_unit() -> None:
 
 def test_two_wrong_samples_in_a_line_are_no_motion() -> None:
     """They became a position, and the start of a command."""
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.0, 0.2, cycles=AGREE)
     assert [arm.at(wrong, 0.2) for wrong in (0.4, 0.8, 1.2)] == [False] * 3
     assert arm.place == [0.0, 0.2]
 
 
 def test_steps_that_grow_are_believed_as_far_as_a_hand_can_move_a_joint() -> None:
-    arm, steps = Arm().led(), [0.0]
+    arm, steps = Arm().was_active(), [0.0]
     arm.at(0.0, 0.2, cycles=AGREE)
     for k in range(1, 40):
         arm.at(0.02 * k * k, 0.2)
@@ -275,7 +275,7 @@ def test_steps_that_grow_are_believed_as_far_as_a_hand_can_move_a_joint() -> Non
 
 
 def test_what_wasn_t_known_before_an_absurd_sample_isn_t_known_after_it() -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE, velocity=1.0)
     assert arm.at(0.1, 0.2, velocity=np.nan)
     assert not arm.at(1e12, 0.2, velocity=np.nan)
@@ -284,7 +284,7 @@ def test_what_wasn_t_known_before_an_absurd_sample_isn_t_known_after_it() -> Non
 
 
 def test_a_stamp_that_lies_ahead_hardly_widens_the_margin() -> None:
-    arm = Arm().led()
+    arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     arm.now += DT
     arm.arrays["position"][:] = 0.1 + SLACK["rad"] + 2.1 * SPEED * FAST * DT * 1e-9, 0.2

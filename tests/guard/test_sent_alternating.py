@@ -37,7 +37,7 @@ def test_a_report_that_alternates_makes_no_step_away_from_zero(
     highest, left, reached = 0.0, False, 0.0
     for k in range(2 * rate):
         before = float(applied[0])
-        guard.reseat(left, dt)
+        guard.resynchronise(left, dt)
         between = float(applied[0])
         if then == "stops" and k > rate:
             guard.stop(Stop.HOLD, dt)

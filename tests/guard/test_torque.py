@@ -195,11 +195,11 @@ def test_held_again_it_holds_where_it_has_gone_meanwhile(between):
     for _ in range(500):  # a hand leads it on
         joint.stop(between)
         joint.qd += 3.0 / joint.inertia * DT
-    led = joint.q[0]
+    was_active = joint.q[0]
     for _ in range(3000):
         joint.stop(Stop.HOLD)
-    assert led > 0.1
-    assert joint.q[0] > 0.95 * led  # not back to where it was held before
+    assert was_active > 0.1
+    assert joint.q[0] > 0.95 * was_active  # not back to where it was held before
 
 
 @pytest.mark.parametrize("before", [Stop.DAMP, Stop.HOLD])
@@ -257,7 +257,7 @@ def test_old_measurements_damp_nothing(category):
     """A velocity that stands still in the row would be opposed for ever, and so drive the joint."""
     joint = Joint(load=3.0)
     joint.qd[:] = 1.0
-    joint.guard.blind = True
+    joint.guard.unmeasured = True
     for _ in range(100):
         joint.guard.stop(category, DT)
     assert joint.tau[0] == pytest.approx(3.0)
@@ -268,18 +268,18 @@ def test_seen_again_it_holds_where_it_is_then():
     joint = Joint()
     for _ in range(50):
         joint.stop(Stop.HOLD)
-    joint.guard.blind = True
+    joint.guard.unmeasured = True
     joint.stop(Stop.HOLD)
-    joint.guard.blind = False
+    joint.guard.unmeasured = False
     joint.q[:] = 0.5  # it sagged meanwhile
     for _ in range(500):
         joint.stop(Stop.HOLD)
     assert joint.q[0] == pytest.approx(0.5, abs=1e-3)
 
 
-def swing(inertia, told, category, late=2, seconds=3.0):
+def swing(inertia, reported, category, late=2, seconds=3.0):
     """Greatest speed in the last half second of a stop from 1 rad/s, the torque `late` periods behind."""
-    limits = {"velocity": 2.0, "effort": 80.0, "effort_rate": 1000.0, "inertia": told}
+    limits = {"velocity": 2.0, "effort": 80.0, "effort_rate": 1000.0, "inertia": reported}
     guard = guard_of(Kind.TORQUE, dt=DT, **limits)
     tau, q, qd = np.zeros(1), np.zeros(1), np.ones(1)
     guard.bind(tau, q, qd)
@@ -316,7 +316,7 @@ def test_a_start_lets_go_of_what_a_stop_presses_against_by_the_rate():
         joint.guard.stop(Stop.HOLD, DT)
     pressed = joint.tau[0]
     assert abs(pressed - joint.load) > 2.0
-    joint.guard.reset(joint.q, led=True)
+    joint.guard.reset(joint.q, was_active=True)
     assert joint.tau[0] == pressed
     for _ in range(50):
         before = joint.tau[0]

@@ -111,7 +111,7 @@ def test_an_old_position_is_not_retracted_from():
     for _ in range(50):
         guard.stop(Stop.RETRACT, 0.01)
     assert applied[0] > 0.1
-    guard.blind = True
+    guard.unmeasured = True
     for _ in range(50):
         guard.stop(Stop.RETRACT, 0.01)
     assert applied[0] == 0.0

@@ -12,8 +12,8 @@ from srl.control.skeleton.human_srl import HumanSrl
 from srl.control.skeleton.kinematics import Kinematics
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.terms import CAPSULE, GAP, POINT
+from srl.runtime.ipc.header import LINK_ACTIVE, LINK_CONNECTED, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, State
 from srl.runtime.models.skeleton.arms import BASE, END, STANDARD, Arms
 from srl.runtime.recorder.stream import Stream
 

@@ -20,12 +20,12 @@ from helpers.wait import until
 from srl.runtime.bus.client import Client, connect
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc.events import EventWriter, Level
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter, permitted
 from srl.runtime.ipc.ring import RingWriter
 from srl.runtime.ipc.row import Row
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 
 JOINTS = ("thumb", "index-1", "index-2")
 FINGERS = ("thumb", "index", "middle", "ring", "little")
@@ -90,7 +90,7 @@ class Run(threading.Thread):
         self.requests = RequestReader(run_folder.requests)
         self.events = EventWriter(run_folder.events)
         self.row = Row(self.layout)
-        self.state, self.cause, self.culprit = State.READY, Cause.NONE, -1
+        self.state, self.cause, self.fault_source = State.READY, Cause.NONE, -1
         self.fault = False
         self.latches, self.refused = Latch(0), 0
         self.paused = threading.Event()
@@ -138,10 +138,10 @@ class Run(threading.Thread):
                     answer,
                 )
                 words[CYCLE.request_origin] = request.origin
-            words[CYCLE.state], words[CYCLE.cause], words[CYCLE.culprit] = (
+            words[CYCLE.state], words[CYCLE.cause], words[CYCLE.fault_source] = (
                 self.state,
                 self.cause,
-                self.culprit,
+                self.fault_source,
             )
             words[CYCLE.latches], words[CYCLE.refused] = self.latches, self.refused
             client[DEVICE.link] = LINK_CONNECTED
@@ -171,9 +171,9 @@ class Run(threading.Thread):
         if self.state is not (State.READY if kind is RequestKind.START else State.STOPPED):
             return Answer.REFUSED_STATE
         if self.fault:
-            self.cause, self.culprit = Cause.DEVICE_LOSS, 1
+            self.cause, self.fault_source = Cause.DEVICE_LOSS, 1
             return Answer.REFUSED_FAULT
-        self.state, self.cause, self.culprit = State.ACTIVE, Cause.NONE, -1
+        self.state, self.cause, self.fault_source = State.ACTIVE, Cause.NONE, -1
         return Answer.DONE
 
     def end(self) -> None:
@@ -189,17 +189,17 @@ def spawn(run_folder: RunFolder, **options: Any) -> subprocess.Popen[bytes]:
 
 def reach(run_folder: RunFolder) -> Client:
     """A client, once the bus is there."""
-    said = ""
+    output = ""
 
     def client() -> Client | None:
-        nonlocal said
+        nonlocal output
         try:
             return connect(run_folder, timeout=1.5)
         except RequestError as error:
-            said = str(error)
+            output = str(error)
             return None
 
-    found = until(client, what=lambda: f"the bus; {said}", pause=0.01)
+    found = until(client, what=lambda: f"the bus; {output}", pause=0.01)
     assert found is not None
     return found
 

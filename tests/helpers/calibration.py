@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from srl.commissioning.calibration.cut import build, cut
+from srl.commissioning.calibration.channel_map import ChannelMap, channel_map
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.steps import Kind, Step
+from srl.commissioning.calibration.profile_subset import build, cut
 from srl.commissioning.calibration.sources import Rows, RowSource
-from srl.commissioning.calibration.taps import Taps, taps
 from srl.control.ikns.calibration import Thresholds
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.row import Row
-from srl.runtime.ipc.words import CYCLE, State
 from srl.runtime.profile import profile
 
 # A finger on the forearm, a pedal that stops it, and all that nobody needs for a calibration.
@@ -112,23 +112,23 @@ class Actor(RowSource):
         rows: all rows so far.
     """
 
-    taps: Taps
+    channel_map: ChannelMap
 
     def __init__(self, dofs: tuple[str, ...] = ("swivel",), person: Person | None = None) -> None:
         made = cut(*profile.parse("worn-finger.yaml", PROFILE), "P07", dofs, FEW)
         self.graph = build(*made, sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["mocap"]  # it stands for the simulated wearer
-        self.taps = taps(self.graph.layout, "worn-finger.yaml")
+        self.channel_map = channel_map(self.graph.layout, "worn-finger.yaml")
         self.person = person or Person()
         self.rows: list[Rows] = []
         self._step, self._procedure = Step(Kind.STATIC), Procedure(dofs)
         self._row: Row = self.graph.row
-        self._t = self._begun = 0
+        self._t = self._started = 0
         self._hand = MIDDLE.copy()
         self.closed = False
         rng = np.random.default_rng(5)
-        n = len(self.taps.joints)
+        n = len(self.channel_map.joints)
         self._posture, self._by_hand = rng.normal(size=n), rng.normal(size=(n, 3))
         self._along = np.linalg.qr(rng.normal(size=(n, n)))[0][: len(dofs)]
         self._turn = 0.3 * rng.normal(size=(len(dofs), n, 3))
@@ -139,15 +139,15 @@ class Actor(RowSource):
         return made
 
     def begin(self, procedure: Any) -> None:
-        self._row.views[self.taps.parameter][()] = procedure.step.mark
-        self._step, self._procedure, self._begun = procedure.step, procedure, self._t
+        self._row.views[self.channel_map.parameter][()] = procedure.step.mark
+        self._step, self._procedure, self._started = procedure.step, procedure, self._t
 
     def close(self) -> None:
         self.closed = True
 
     def _next(self) -> Array:
         self._t += 1
-        t, person, number = (self._t - self._begun) / 100.0, self.person, self._step.point + 1
+        t, person, number = (self._t - self._started) / 100.0, self.person, self._step.point + 1
         hand = self._go(t)
         dofs = np.zeros(len(self._along))
         if self._step.kind is Kind.TRIAL:

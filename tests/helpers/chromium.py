@@ -17,7 +17,7 @@ import pytest
 from helpers.wait import until
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-PATIENCE = 30.0  # s for one answer
+TIMEOUT = 30.0  # s for one answer
 
 
 def found() -> str:
@@ -72,7 +72,7 @@ class Chromium:
         self._loop.close()
 
     def _wait(self, what: Any) -> Any:
-        return self._loop.run_until_complete(asyncio.wait_for(what, PATIENCE))
+        return self._loop.run_until_complete(asyncio.wait_for(what, TIMEOUT))
 
     async def _client(self) -> aiohttp.ClientSession:
         return aiohttp.ClientSession()

@@ -29,7 +29,7 @@ class DaskCluster:
         file = folder / "scheduler.json"
         self._start("scheduler", "--port", "0", "--no-show", "--scheduler-file", str(file))
         try:
-            self.address = until(lambda: _address(file), what=self._said, pause=0.02)
+            self.address = until(lambda: _address(file), what=self._reported, pause=0.02)
         except BaseException:
             self._end()
             raise
@@ -50,12 +50,12 @@ class DaskCluster:
         self._processes.append(process)
         return process
 
-    def _said(self) -> str:
+    def _reported(self) -> str:
         return (self._folder / "log").read_text()
 
     def ready(self, workers: int) -> None:
         """Waits until so many workers are there."""
-        until(lambda: self._said().count("Register worker") >= workers, what=self._said, pause=0.02)
+        until(lambda: self._reported().count("Register worker") >= workers, what=self._reported, pause=0.02)
 
     def stop_scheduler(self) -> None:
         """Kills the scheduler."""

@@ -141,7 +141,7 @@ class Rig:
         return link
 
     def _taken(self) -> int:
-        count = self.twin.figures()["bytes_in"]
+        count = self.twin.metrics()["bytes_in"]
         assert isinstance(count, int)
         return count
 
@@ -195,4 +195,4 @@ def near(found: Any, wanted: Any, atol: Any) -> None:
 
 
 def torque(rig: Rig) -> Any:
-    return rig.twin.figures()["torque"]
+    return rig.twin.metrics()["torque"]

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from srl.commissioning.calibration.cut import build
-from srl.commissioning.calibration.emg.method import EmgMethod, Taps
+from srl.commissioning.calibration.emg.method import ChannelMap, EmgMethod
 from srl.commissioning.calibration.emg.procedure import Step
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.runtime.contracts.wearer import Contract
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, State
 from srl.runtime.profile import profile
 
 NAMES = ("biceps", "triceps")
@@ -50,7 +50,7 @@ class Electrodes(RowSource):
         step: the last that was begun.
     """
 
-    taps: Taps
+    channel_map: ChannelMap
 
     def __init__(
         self, option: Sequence[str] = QUICK, gains: Mapping[str, float] = GAINS, hum: Mapping[str, float] | None = None,
@@ -60,16 +60,18 @@ class Electrodes(RowSource):
         person: str = "P07", settings: Sequence[str] = (), seed: int = 5,
     ) -> None:  # fmt: skip
         checked, source = profile.parse("worn.yaml", PROFILE, settings)
-        method = EmgMethod(Order("worn.yaml", "emg", option=option), checked, source, Path("p07.json"), lambda _: None)
+        method = EmgMethod(
+            CalibrationRequest("worn.yaml", "emg", option=option), checked, source, Path("p07.json"), lambda _: None
+        )
         self.graph = build(*method.cut(person), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["emg"]
-        self.taps = method.taps(self.graph.layout, "worn.yaml")
+        self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")
         self.gains, self.hum, self.limit, self.dead = gains, hum or {}, limit or {}, dead
         self.contracts, self.crossed, self.tone = contracts or {}, crossed, tone or {}
         self.strengths = {name: list(each) for name, each in (strengths or {}).items()}
         self.hole, self.gone = set(hole), set(gone)
-        self.rows, self.closed, self.told = list[Rows](), False, list[str]()
+        self.rows, self.closed, self.reported = list[Rows](), False, list[str]()
         self._random, self._t, self._count = np.random.default_rng(seed), 0, 0
         self._sections = signal.butter(4, (20, 450), "bandpass", output="sos", fs=2000)
         self._state = np.zeros((len(self._sections), 2, 2))
@@ -82,14 +84,14 @@ class Electrodes(RowSource):
         return made
 
     def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self.step = procedure.step
-        told = procedure.instruction()
+        reported = procedure.instruction()
         self._goal = np.array([self.tone.get(name, 0.002) for name in NAMES])
-        if isinstance(told, Contract):
-            name = self.contracts.get(told.muscle, told.muscle)
-            self.told.append(told.muscle)
-            strength = self.strengths[told.muscle].pop(0) if self.strengths.get(told.muscle) else 1.0
+        if isinstance(reported, Contract):
+            name = self.contracts.get(reported.muscle, reported.muscle)
+            self.reported.append(reported.muscle)
+            strength = self.strengths[reported.muscle].pop(0) if self.strengths.get(reported.muscle) else 1.0
             self._goal = np.maximum(self._goal, 0.1 * strength)
             self._goal[NAMES.index(name)] = strength
 

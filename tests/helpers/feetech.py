@@ -69,7 +69,7 @@ class FeetechRig(Rig):
     @property
     def torque(self) -> list[bool]:
         """Of the servos."""
-        return [bool(on) for on in self.twin.figures()["torque"]]
+        return [bool(on) for on in self.twin.metrics()["torque"]]
 
     @property
     def goals(self) -> list[int]:

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from srl.commissioning.calibration.cut import build
-from srl.commissioning.calibration.ft.method import FtMethod, Taps
+from srl.commissioning.calibration.ft.method import ChannelMap, FtMethod
 from srl.commissioning.calibration.ft.procedure import Step
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.runtime.contracts.wearer import Turn
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, State
 from srl.runtime.profile import profile
 
 BIAS = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])  # N, N m
@@ -38,18 +38,20 @@ class Turner(RowSource):
         step: the last that was begun.
     """
 
-    taps: Taps
+    channel_map: ChannelMap
 
     def __init__(
         self, option: Sequence[str] = (), touched: dict[int, float] | None = None, stays: Sequence[int] = (),
         flat: bool = False, lost: Sequence[int] = (), mass: float = MASS, noise: float = 0.05,
     ) -> None:  # fmt: skip
         checked, source = profile.parse("led.yaml", PROFILE)
-        method = FtMethod(Order("led.yaml", "ft", option=option), checked, source, Path("handle.json"), lambda _: None)
+        method = FtMethod(
+            CalibrationRequest("led.yaml", "ft", option=option), checked, source, Path("handle.json"), lambda _: None
+        )
         self.graph = build(*method.cut(""), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["sensor"]
-        self.taps = method.taps(self.graph.layout, "led.yaml")
+        self.channel_map = method.channel_map(self.graph.layout, "led.yaml")
         self.touched, self.stays, self.flat, self.mass, self.noise = touched or {}, stays, flat, mass, noise
         self.lost = lost
         self.rows, self.closed, self.turned = list[Rows](), False, 0
@@ -64,12 +66,12 @@ class Turner(RowSource):
         return made
 
     def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self.step, self._pose = procedure.step, procedure.step.pose
-        told = procedure.instruction()
-        if isinstance(told, Turn) and self._pose not in self.stays:
+        reported = procedure.instruction()
+        if isinstance(reported, Turn) and self._pose not in self.stays:
             self.turned += 1
-            up = np.array(told.up) + self._random.normal(0.0, 0.1, 3)
+            up = np.array(reported.up) + self._random.normal(0.0, 0.1, 3)
             if self.flat:
                 up = np.array([np.cos(self.turned), np.sin(self.turned), 0.0])
             self._from, self._since = self._to, self._t / 50.0

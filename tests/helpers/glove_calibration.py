@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from srl.commissioning.calibration.cut import build
-from srl.commissioning.calibration.glove.method import GloveMethod, Taps
+from srl.commissioning.calibration.glove.method import ChannelMap, GloveMethod
 from srl.commissioning.calibration.glove.procedure import Step
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.runtime.contracts.wearer import Shape
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.models.human_hand import SENSORS
 from srl.runtime.profile import profile
 
@@ -44,7 +44,7 @@ class Gloved(RowSource):
         step: the last that was begun.
     """
 
-    taps: Taps
+    channel_map: ChannelMap
 
     def __init__(
         self, option: Sequence[str] = (), off: Mapping[int, Mapping[str, float]] | None = None,
@@ -53,13 +53,13 @@ class Gloved(RowSource):
         gain: Mapping[str, float] | None = None, person: str = "P07", settings: Sequence[str] = (),
     ) -> None:  # fmt: skip
         checked, source = profile.parse("worn.yaml", PROFILE, settings)
-        order = Order("worn.yaml", "glove", option=option)
+        order = CalibrationRequest("worn.yaml", "glove", option=option)
         method = GloveMethod(order, checked, source, Path("p07.json"), lambda _: None)
         self.graph = build(*method.cut(person), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["glove"]
-        self.taps = method.taps(self.graph.layout, "worn.yaml")
-        self._own = [NAMES.index(name) for name in self.taps.options.sensors]
+        self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")
+        self._own = [NAMES.index(name) for name in self.channel_map.options.sensors]
         self.off, self.dead, self.swapped = off or {}, dead or {}, swapped
         self.lost, self.stale, self.stays, self.noise = lost, stale, stays, noise or {}
         self.gain = np.array([(gain or {}).get(n, g) for n, g in zip(NAMES, GAIN, strict=True)])
@@ -75,14 +75,14 @@ class Gloved(RowSource):
         return made
 
     def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self.step, self._shape = procedure.step, procedure.step.shape
-        told = procedure.instruction()
-        if isinstance(told, Shape) and self._shape not in self.stays:
+        reported = procedure.instruction()
+        if isinstance(reported, Shape) and self._shape not in self.stays:
             self.shaped += 1
             self._from, self._since = self._to, self._t / 50.0
             off = self.off.get(self._shape, {})
-            self._to = np.array([told.angles.get(name, 0.0) + off.get(name, 0.0) for name in NAMES])
+            self._to = np.array([reported.angles.get(name, 0.0) + off.get(name, 0.0) for name in NAMES])
 
     def close(self) -> None:
         self.closed = True

@@ -16,14 +16,28 @@ from srl.control.intention.training import Held, Recogniser, Thresholds, train
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.signals import Array
 from srl.studies.intention import people
-from srl.studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, TRUNK, Session, begun, unrelated
+from srl.studies.intention.people import ACTIONS, DT, JOINTS, SKELETON, TRUNK, Session, onsets, unrelated
 
 THRESHOLDS = Thresholds()
 session = cache(people.session)
 
 __all__ = [
-    "ACTIONS", "DT", "JOINTS", "SKELETON", "THRESHOLDS", "TRUNK", "Session", "begun", "law_of", "of_people", "own",
-    "play", "put", "record_of", "session", "unrelated",
+    "ACTIONS",
+    "DT",
+    "JOINTS",
+    "SKELETON",
+    "THRESHOLDS",
+    "TRUNK",
+    "Session",
+    "law_of",
+    "of_people",
+    "onsets",
+    "own",
+    "play",
+    "put",
+    "record_of",
+    "session",
+    "unrelated",
 ]  # fmt: skip
 
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from helpers.intention import SKELETON
-from srl.commissioning.calibration.cut import build
-from srl.commissioning.calibration.intention.method import IntentionMethod, Taps
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.intention.method import ChannelMap, IntentionMethod
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Perform, Rest
-from srl.runtime.ipc.words import CYCLE, LINK_CONNECTED, State
+from srl.runtime.ipc.header import CYCLE, LINK_CONNECTED, State
 from srl.runtime.profile import profile
 from srl.sim.wearer.people import subject
 from srl.sim.wearer.performer import Performer
@@ -53,18 +53,18 @@ class Pretender(RowSource):
     Attributes: `person` may be changed; `rows` so far.
     """
 
-    taps: Taps
+    channel_map: ChannelMap
 
     def __init__(
         self, person: Person | None = None, actions: str | None = None, number: int = 3, option: Sequence[str] = ()
     ) -> None:
         checked, source = profile.parse("suit.yaml", PROFILE)
-        order = Order("suit.yaml", "intention", "P07", actions=actions, option=option)
+        order = CalibrationRequest("suit.yaml", "intention", "P07", actions=actions, option=option)
         method = IntentionMethod(order, checked, source, Path("p07.json"), lambda _: None)
         self.graph = build(*method.cut("P07"), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["suit"]
-        self.taps = method.taps(self.graph.layout, "suit.yaml")
+        self.channel_map = method.channel_map(self.graph.layout, "suit.yaml")
         self.person, self.rows, self.closed = person or Person(), list[Rows](), False
         self._body = Performer(subject(number, SKELETON.names), SKELETON)
         self._noise = np.random.default_rng(number)
@@ -76,11 +76,11 @@ class Pretender(RowSource):
         return made
 
     def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.taps.parameter][()] = procedure.step.mark
-        told = procedure.instruction()
-        name = told.action if isinstance(told, Perform) else ""
+        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
+        reported = procedure.instruction()
+        name = reported.action if isinstance(reported, Perform) else ""
         self._hidden = name in self.person.hidden
-        self._body.instruct(self._t / 20.0, Rest() if name in self.person.lazy else told)
+        self._body.instruct(self._t / 20.0, Rest() if name in self.person.lazy else reported)
 
     def close(self) -> None:
         self.closed = True

@@ -53,22 +53,22 @@ class Live:
 
     def do(self, what: Callable[[], object]) -> float:
         """Has it done between two steps; returns when it was, s."""
-        begun: list[float] = []
+        started: list[float] = []
 
         def noted() -> None:
-            begun.append(time.monotonic())
+            started.append(time.monotonic())
             what()
 
         self._asked.append(noted)
-        until(lambda: bool(begun))
-        return begun[0]
+        until(lambda: bool(started))
+        return started[0]
 
     def _run(self) -> None:
         with contextlib.suppress(PermissionError):  # what else runs on this machine is no silence of the motors
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
-        begun, chain, supported = time.monotonic_ns() - self.world.time, self.twin.fake.chain, True  # type: ignore[attr-defined]
+        started, chain, supported = time.monotonic_ns() - self.world.time, self.twin.fake.chain, True  # type: ignore[attr-defined]
         while not self._ended.wait(0.001):
-            now = time.monotonic_ns() - begun
+            now = time.monotonic_ns() - started
             supported = supported and not (chain.motors.torque.all() and chain.motors.kp.all())
             if supported:
                 chain._data.qpos[chain._q], chain._data.qvel[chain._v] = 0.0, 0.0

@@ -37,7 +37,7 @@ class LoopDouble:
     Attributes:
         supervisor: started.
         process: what it supervises.
-        said: the lines it reported.
+        output: the lines it reported.
     """
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -47,12 +47,12 @@ class LoopDouble:
             return self.process
 
         monkeypatch.setattr(service, "spawn", spawn)
-        self.said: list[str] = []
+        self.output: list[str] = []
         run_folder = self.run_folder = RunFolder(folder / "run")
         run_folder.path.mkdir()
         self.state = folder / "state"
         launch = Launch("made-up", "name: made-up\n")
-        self.supervisor = service.Supervisor(run_folder, launch, self.state, [], self.said.append)
+        self.supervisor = service.Supervisor(run_folder, launch, self.state, [], self.output.append)
         self.supervisor.start()
         self.slots = StopSlots(run_folder.stops)
 

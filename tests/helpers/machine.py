@@ -121,5 +121,5 @@ def _running(nspawn: int) -> bool:
     found = _children(nspawn)
     if not found:
         return False
-    said = Machine(found[0]).call("systemctl is-system-running", code=None)
-    return said.strip() in ("running", "degraded")
+    output = Machine(found[0]).call("systemctl is-system-running", code=None)
+    return output.strip() in ("running", "degraded")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from helpers.panel import MadeUpLoop
-from srl.runtime.ipc.words import CYCLE, DEVICE, Cause, Latch, State
+from srl.runtime.ipc.header import CYCLE, DEVICE, Cause, Latch, State
 
 JOINTS = ("shoulder", "elbow")
 
@@ -61,7 +61,7 @@ class OperatedLoop(MadeUpLoop):
         now = time.monotonic_ns() if at is None else round(at * 1e9)
         row = np.zeros(self.layout.width, np.int64)
         row[CYCLE.cycle], row[CYCLE.state], row[CYCLE.cause] = self.cycle, self.state, self.cause
-        row[CYCLE.latches], row[CYCLE.culprit] = self.latches, 0
+        row[CYCLE.latches], row[CYCLE.fault_source] = self.latches, 0
         row[CYCLE.now] = row[CYCLE.wake] = row[CYCLE.control] = now
         for index in range(2):
             words = row[self.layout.device(index)]

@@ -97,7 +97,7 @@ def serve(served: PandaTwin, program: str, timeout: float = 60.0) -> dict[str, A
         until(
             lambda: client.poll() is not None,
             lambda: turn(served),
-            what=lambda: f"the client's end; {served.figures()}",
+            what=lambda: f"the client's end; {served.metrics()}",
             timeout=timeout,
             pause=0.0,
         )

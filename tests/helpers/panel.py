@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.ring import RingWriter
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, State
 
 PERIOD = 0.01  # s
 SIGNAL = "law.c"

@@ -69,7 +69,7 @@ class Peer:
         """Sets an attribute of the twin ("muted"), or calls a method of it with no argument ("close")."""
         self._ask({"set": name, "value": value})
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """The twin's figures, and `truth`: the world's truth signals, now; `time`: ns of the world."""
         answer: dict[str, Any] = self._ask({"figures": True})
         return answer
@@ -190,8 +190,8 @@ def _serve(order: dict[str, Any]) -> None:
                 else:
                     setattr(twin, asked["set"], asked["value"])
             truth = {name: values.tolist() for name, values in world.truth_arrays.items()}
-            figures = twin.figures() | {"truth": truth, "time": world.time}
-            print(json.dumps(figures, default=str), flush=True)
+            metrics = twin.metrics() | {"truth": truth, "time": world.time}
+            print(json.dumps(metrics, default=str), flush=True)
 
 
 if __name__ == "__main__":

@@ -48,9 +48,9 @@ def call(folder: Path, *arguments: str, code: int | None = 0, timeout: float = 2
 
 def refused(*arguments: str) -> str:
     """What it says of arguments that it refuses, in this process: a start for each would take seconds."""
-    with contextlib.redirect_stderr(io.StringIO()) as said:
+    with contextlib.redirect_stderr(io.StringIO()) as output:
         assert main(arguments) == 2
-    return said.getvalue()
+    return output.getvalue()
 
 
 def summary(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:

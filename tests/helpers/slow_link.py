@@ -74,11 +74,11 @@ class _Relay:
 async def _main(host: str, port: str, to: str, at: str) -> None:
     relay = _Relay((to, int(at)))
     server = await asyncio.start_server(relay.serve, host, int(port))
-    said = asyncio.StreamReader()
-    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(said), sys.stdin)
+    output = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(output), sys.stdin)
     print("ready", flush=True)
     async with server:
-        while line := await said.readline():
+        while line := await output.readline():
             relay.delay, relay.jitter = map(float, line.split())
 
 

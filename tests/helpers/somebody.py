@@ -27,9 +27,9 @@ def environment(folder: Path, *installed: Path) -> dict[str, str]:
     }
 
 
-def pytest_in(folder: Path, told: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
+def pytest_in(folder: Path, reported: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
     """Runs their tests; says what it printed."""
     return subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments],
-        cwd=folder, env=told, capture_output=True, text=True, check=False, timeout=110,
+        cwd=folder, env=reported, capture_output=True, text=True, check=False, timeout=110,
     )  # fmt: skip

@@ -12,7 +12,7 @@ from helpers import ROOT
 
 
 class TwinProcess:
-    """Runs until the `with` ends; `figures`, and `late` (s, by how much it was behind at most), are there afterwards.
+    """Runs until the `with` ends; `metrics`, and `late` (s, by how much it was behind at most), are there afterwards.
 
     Attributes:
         addresses: by device.
@@ -27,9 +27,9 @@ class TwinProcess:
         first = self.line()
         self.addresses: dict[str, str] = first["twins"]
         self.run: list[str] = first["run"]
-        self.figures: dict[str, Any] = {}
+        self.metrics: dict[str, Any] = {}
         self.late = 0.0
-        self.said = ""
+        self.output = ""
 
     def line(self) -> dict[str, Any]:
         """The next line it prints."""
@@ -52,7 +52,7 @@ class TwinProcess:
 
     def __exit__(self, *_: object) -> None:
         self.process.terminate()
-        out, self.said = self.process.communicate(timeout=60)
+        out, self.output = self.process.communicate(timeout=60)
         if self.process.returncode == 0:
             last = json.loads(out.splitlines()[-1])
-            self.figures, self.late = last["figures"], last["late"]["most"]
+            self.metrics, self.late = last["metrics"], last["late"]["most"]

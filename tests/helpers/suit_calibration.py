@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from srl.commissioning.calibration.cut import build
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
-from srl.commissioning.calibration.suit.method import SuitMethod, Taps
+from srl.commissioning.calibration.suit.method import ChannelMap, SuitMethod
 from srl.commissioning.calibration.suit.procedure import Kind, Step
 from srl.drivers.noitom.skeleton import Skeleton
 from srl.runtime.contracts.wearer import Return, Walk
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.profile import profile
 
 PROFILE = """
@@ -48,7 +48,7 @@ class Suited(RowSource):
         step: the last that was begun.
     """
 
-    taps: Taps
+    channel_map: ChannelMap
 
     def __init__(
         self, option: Sequence[str] = QUICK, heading: float = 0.6, drift: Mapping[str, float] | None = None,
@@ -58,13 +58,13 @@ class Suited(RowSource):
     ) -> None:  # fmt: skip
         checked, source = profile.parse("worn.yaml", PROFILE)
         method = SuitMethod(
-            Order("worn.yaml", "suit", option=option), checked, source, Path("p07.json"), lambda _: None
+            CalibrationRequest("worn.yaml", "suit", option=option), checked, source, Path("p07.json"), lambda _: None
         )
         self.method = method
         self.graph = build(*method.cut(person), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["suit"]
-        self.taps = method.taps(self.graph.layout, "worn.yaml")
+        self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")
         self.heading, self.drift, self.tilted, self.faces = heading, drift or {}, tilted or {}, faces or {}
         self.scatter, self.pose, self.frozen, self.gone, self.turns = scatter, pose, frozen, gone, turns
         self.rows, self.closed = list[Rows](), False
@@ -84,11 +84,11 @@ class Suited(RowSource):
         return made
 
     def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self.step = procedure.step
-        told = procedure.instruction()
-        if isinstance(told, Walk | Return):
-            self._walks = isinstance(told, Walk)
+        reported = procedure.instruction()
+        if isinstance(reported, Walk | Return):
+            self._walks = isinstance(reported, Walk)
         if procedure.step.kind is Kind.COME:
             self._yaw = self.faces.get(procedure.step.stand, 0.0)
             self._off = self._random.normal(0.0, self.scatter, len(BODY.names))

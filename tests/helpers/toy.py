@@ -17,11 +17,11 @@ from srl.runtime.contracts.driver import DeviceConfig, Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Array, Command, Kind, Signal, Stop
 from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.header import Cause, Latch, State
 from srl.runtime.ipc.latches import NONE, names
 from srl.runtime.ipc.requests import RequestWriter
 from srl.runtime.ipc.ring import RingReader, RingWriter
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import Cause, Latch, State
 from srl.runtime.loop.clock import Clock, Tick
 from srl.runtime.loop.control_end import ControlEnd
 from srl.runtime.loop.cycle import Cycle

@@ -21,7 +21,7 @@ from srl.sim.parts.hand.human_hand import HumanHandConfig, HumanHandPart
 from srl.sim.world.cell import Cell, CellConfig
 
 STEP = 1_000_000  # ns
-PATIENCE = 10.0  # s of real time, for a pty to deliver
+TIMEOUT = 10.0  # s of real time, for a pty to deliver
 
 
 class StillHand(HumanHandPart):
@@ -81,7 +81,7 @@ class Bench:
         )
 
     def _taken(self) -> int:
-        count = self.twin.figures()["bytes_in"]
+        count = self.twin.metrics()["bytes_in"]
         assert isinstance(count, int)
         return count
 
@@ -129,7 +129,7 @@ class Client:
         poll.register(self.fd, select.POLLIN)
         found = b""
         while len(found) < size:
-            assert poll.poll(PATIENCE * 1000), f"only {found.hex(' ')} of {size} bytes"
+            assert poll.poll(TIMEOUT * 1000), f"only {found.hex(' ')} of {size} bytes"
             found += os.read(self.fd, size - len(found))
         return found
 

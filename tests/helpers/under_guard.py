@@ -16,8 +16,8 @@ import pytest
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.signals import Array, Command, Kind, Signal
+from srl.runtime.ipc.header import CYCLE, DEVICE, FLAG_LIMITED, FLAG_RESYNCHRONISED, LINK_ACTIVE, Origin, State
 from srl.runtime.ipc.requests import Request, RequestKind
-from srl.runtime.ipc.words import CYCLE, DEVICE, FLAG_LIMITED, FLAG_RESEATED, LINK_ACTIVE, Origin, State
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.device import Device
 from srl.runtime.loop.guards import limits_of
@@ -110,8 +110,8 @@ class Setting:
     def reach(self) -> Array:
         """The most by which the first command after a stall may differ from the last one before, by joint.
 
-        One period's step from rest. The guard may get as far as the device's resolution without being re-seated, and a
-        position is in motion then.
+        One period's step from rest. The guard may get as far as the device's resolution without being resynchronised,
+        and a position is in motion then.
         """
         resolution = np.broadcast_to(self.command.resolution, self.grain.shape)
         faster = 0.0
@@ -266,7 +266,7 @@ class UnderGuard:
         near = limits.rate * self._patience * 1e-9 + np.max(limits.command.resolution)
         return len(last) == 10 and all(
             row.state is State.ACTIVE
-            and not row.flags & (FLAG_LIMITED | FLAG_RESEATED)
+            and not row.flags & (FLAG_LIMITED | FLAG_RESYNCHRONISED)
             and np.abs(row.sent - row.asked).max() <= near
             for row in last
         )
@@ -348,32 +348,32 @@ class UnderGuard:
         return float(begin.applied[joint])
 
     def _seats(self) -> None:
-        """Where the guard was re-seated, its command is at most one period away from what was sent.
+        """Where the guard was resynchronised, its command is at most one period away from what was sent.
 
         Of a bus on which each joint has a frame of its own, one that was sent as applied within the guard's patience
         goes on, and one of which nothing was sent since the start or reset begins anew at the first command.
         """
-        begun = first = self.rows[0]  # the row before the start or reset, and its first one
+        started = first = self.rows[0]  # the row before the start or reset, and its first one
         resolution = np.broadcast_to(self.setting.command.resolution, self.setting.grain.shape)
         taken = np.full(len(resolution), self.rows[0].now)  # ns, by joint, when it was last sent as applied
         for earlier, before, row in zip(self.rows[:1] + self.rows, self.rows, self.rows[1:], strict=False):
             for applied in (before.applied, earlier.applied):
                 taken[np.abs(before.sent - applied) <= resolution] = before.now
             if row.active and not before.active:
-                begun, first = before, row
-            if row.flags & FLAG_RESEATED and before.commands > begun.commands:
+                started, first = before, row
+            if row.flags & FLAG_RESYNCHRONISED and before.commands > started.commands:
                 most = self.setting.spring * (1 + 1e-6) + EPS
                 near = np.abs(row.applied - before.sent) <= most
                 if self.setting.by_joint:
                     near |= row.now - taken <= self._patience + round(1e9 / self.setting.hz)
-                    near |= (before.sent == begun.sent) & (np.abs(row.applied - first.applied) <= most + resolution)
+                    near |= (before.sent == started.sent) & (np.abs(row.applied - first.applied) <= most + resolution)
                 assert near.all(), (row.now, row.applied, before.sent)
 
-    def reseated(self, begin: int, end: int | None = None) -> int:
-        """Cycles in which the guard was re-seated, without those that follow a hold-up of this very loop."""
+    def resynchronised(self, begin: int, end: int | None = None) -> int:
+        """Cycles in which the guard was resynchronised, without those that follow a hold-up of this very loop."""
         period, found, held_up = 1e9 / self.setting.hz, 0, -LONGEST
         for k in range(max(begin - LONGEST, 1), len(self.rows) if end is None else end):
             if self.rows[k].now - self.rows[k - 1].now > 2.5 * period:
                 held_up = k
-            found += k >= begin and bool(self.rows[k].flags & FLAG_RESEATED) and k - held_up > LONGEST
+            found += k >= begin and bool(self.rows[k].flags & FLAG_RESYNCHRONISED) and k - held_up > LONGEST
         return found

@@ -12,7 +12,7 @@ import numpy as np
 
 from helpers.panel import MadeUpLoop
 from srl.runtime.ipc.events import EventWriter
-from srl.runtime.ipc.words import CYCLE
+from srl.runtime.ipc.header import CYCLE
 
 WALL = 1_700_000_000_000_000_000  # ns
 

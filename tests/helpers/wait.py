@@ -9,7 +9,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-PATIENCE = 30.0  # s of real time: a machine under load is slow, and what hangs hangs for longer
+TIMEOUT = 30.0  # s of real time: a machine under load is slow, and what hangs hangs for longer
 PAUSE = 0.001  # s
 
 
@@ -18,7 +18,7 @@ def until(
     step: Callable[[], object] | None = None,
     *,
     what: str | Callable[[], str] = "",
-    timeout: float = PATIENCE,
+    timeout: float = TIMEOUT,
     pause: float = PAUSE,
 ) -> T:
     """Asks until the condition is true; fails if it isn't in time.
@@ -35,8 +35,8 @@ def until(
     end = time.monotonic() + timeout
     while not (found := condition()):
         if time.monotonic() > end:
-            said = (what() if callable(what) else what) or _source(condition)
-            raise AssertionError(f"not in {timeout:g} s: {said}")
+            output = (what() if callable(what) else what) or _source(condition)
+            raise AssertionError(f"not in {timeout:g} s: {output}")
         if step is not None:
             step()
         time.sleep(pause)

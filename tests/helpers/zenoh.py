@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from helpers.wait import PATIENCE, until
+from helpers.wait import TIMEOUT, until
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.tls import TlsConfig
@@ -91,7 +91,7 @@ def cycles(driver: Driver, done: Callable[[], bool], what: str, write: bool = Fa
     until(done, cycle, what=what, pause=0.005)
 
 
-def lost(driver: Driver, timeout: float = PATIENCE) -> str:
+def lost(driver: Driver, timeout: float = TIMEOUT) -> str:
     """Reads until the device is lost; the reason."""
 
     def reason() -> str:
@@ -107,19 +107,19 @@ def lost(driver: Driver, timeout: float = PATIENCE) -> str:
 
 def reopened(driver: Driver) -> None:
     """Opens again until it succeeds, as the runtime does."""
-    said = ""
+    output = ""
 
     def is_open() -> bool:
-        nonlocal said
+        nonlocal output
         try:
             driver.close()
             driver.open()
         except DeviceError as error:
-            said = str(error)
+            output = str(error)
             return False
         return True
 
-    until(is_open, what=lambda: f"it opens again; {said}", pause=0.1)
+    until(is_open, what=lambda: f"it opens again; {output}", pause=0.1)
 
 
 def certificates(folder: Path, names: Sequence[str], addresses: Sequence[str] = ("127.0.0.1",)) -> dict[str, TlsConfig]:

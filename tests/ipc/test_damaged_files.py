@@ -137,10 +137,10 @@ def test_replay_of_a_damaged_black_box(
 ) -> None:
     damage(getattr(run, file))
     assert main(["replay", str(run.path)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("srl replay: ")
-    assert str(getattr(run, file)) in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert output.startswith("srl replay: ")
+    assert str(getattr(run, file)) in output
+    assert "Traceback" not in output
 
 
 def test_replay_of_a_layout_without_its_profile(run: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from srl.runtime.contracts import registry
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import ProfileError, WiringError
 from srl.runtime.contracts.signals import Kind, Signal
-from srl.runtime.ipc.words import FLAG_HELD, State
+from srl.runtime.ipc.header import FLAG_HELD, State
 from srl.runtime.loop import device as device_module
 from srl.runtime.loop.replay import replay
 

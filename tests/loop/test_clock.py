@@ -89,10 +89,10 @@ def test_a_paced_world_keeps_up_with_the_wall() -> None:
     world = Still()
     clock = SimClock(Fraction(200), world, MonotonicClock(Fraction(200)))
     clock.start()
-    begun = time.monotonic_ns()
+    started = time.monotonic_ns()
     for _ in range(20):
         tick = clock.wait()
-    assert world.time == pytest.approx(tick.deadline - begun, abs=6_000_000)
+    assert world.time == pytest.approx(tick.deadline - started, abs=6_000_000)
 
 
 def test_a_robots_tick_paces_the_loop_and_its_silence_does_not_stop_it() -> None:
@@ -113,11 +113,11 @@ def test_a_robots_tick_paces_the_loop_and_its_silence_does_not_stop_it() -> None
     assert clock.silent == 4
     robot.close()  # hung up: always readable, yet the loop mustn't spin
     ours.recv(100)
-    begun = time.monotonic_ns()
+    started = time.monotonic_ns()
     clock.wait()
     clock.wait()
     ours.close()
-    assert time.monotonic_ns() - begun >= 9_000_000
+    assert time.monotonic_ns() - started >= 9_000_000
 
 
 class FakeTime:
@@ -158,15 +158,15 @@ def test_a_loop_that_is_always_late_leaves_the_processor_to_others(
     if isinstance(clock, DeviceClock):
         clock._poll, clock._registered = AlwaysReady(), 0  # type: ignore[assignment]
     clock.start()
-    begun, awake = fake.now, fake.now
-    while fake.now < begun + 3 * SECOND:
+    started, awake = fake.now, fake.now
+    while fake.now < started + 3 * SECOND:
         slept = fake.slept
         clock.wait()
         if fake.slept > slept:
             awake = fake.now
         fake.now += round(length * SECOND)
         assert fake.now - awake < 100_000_000, "never long without a sleep: the supervisor may need this processor"
-    assert fake.slept / (fake.now - begun) > 0.055
+    assert fake.slept / (fake.now - started) > 0.055
 
 
 def test_a_single_late_cycle_costs_no_sleep(monkeypatch: pytest.MonkeyPatch) -> None:

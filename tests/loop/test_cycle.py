@@ -11,8 +11,8 @@ from helpers.toy import SPEED, Bench, Toy, _load
 
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.signals import Stop
+from srl.runtime.ipc.header import FLAG_DEGRADED, Cause, State
 from srl.runtime.ipc.requests import Answer
-from srl.runtime.ipc.words import FLAG_DEGRADED, Cause, State
 from srl.runtime.loop import device as device_module
 from srl.runtime.loop.replay import replay
 
@@ -225,14 +225,14 @@ def test_no_datagram_ends_the_loop(tmp_path: Path, what: str) -> None:
 def test_a_homing_that_was_broken_off_goes_on_without_a_step(tmp_path: Path) -> None:
     """A servo that was lost goes home slowly after the reset; a loss of intent on the way breaks that off."""
     b = Bench(tmp_path, arm="servo", emergency="")
-    begun: list[int] = []
+    started: list[int] = []
 
     def script(k: int) -> None:
         if k == 100:
             b.arm.gone_in_write = True
         if k == 102:
             b.until_back(b.arm)
-            begun.append(len(b.arm.sent))
+            started.append(len(b.arm.sent))
         if k in (110, 162):
             b.ask("reset")
         if k == 115:
@@ -246,7 +246,7 @@ def test_a_homing_that_was_broken_off_goes_on_without_a_step(tmp_path: Path) -> 
     assert b.states[150] == (State.STOPPED, Cause.INTENT_LOSS)
     sent = np.array(b.arm.sent)
     assert np.abs(np.diff(sent, axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
-    assert np.abs(np.diff(sent[begun[0] :][:5], axis=0)).max() <= SPEED * 0.01 / 4 * (1 + 1e-6)
+    assert np.abs(np.diff(sent[started[0] :][:5], axis=0)).max() <= SPEED * 0.01 / 4 * (1 + 1e-6)
 
 
 def test_a_loss_in_write_leaves_no_stop_frame(tmp_path: Path) -> None:
@@ -285,13 +285,13 @@ def test_an_exit_always_ends(tmp_path: Path) -> None:
 
 def test_a_guard_knows_that_its_measurements_are_old(tmp_path: Path) -> None:
     b = Bench(tmp_path, emergency="")
-    blind: dict[int, bool] = {}
+    unmeasured: dict[int, bool] = {}
 
     def script(k: int) -> None:
-        blind[k] = b.cycle.guards[0].blind
+        unmeasured[k] = b.cycle.guards[0].unmeasured
         if k == 50:
             b.arm.silent = True
 
     b.run(80, script)
     assert b.states[75][1] is Cause.DEVICE_LOSS
-    assert (blind[50], blind[75]) == (False, True)
+    assert (unmeasured[50], unmeasured[75]) == (False, True)

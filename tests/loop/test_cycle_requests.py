@@ -10,9 +10,9 @@ from helpers.toy import PERIOD, SPEED, wired
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, Origin, State
 from srl.runtime.ipc.latches import NONE
 from srl.runtime.ipc.requests import Answer, Request, RequestKind
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, Origin, State
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.guards import limits_of
 

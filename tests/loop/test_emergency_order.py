@@ -9,7 +9,7 @@ import pytest
 from helpers.toy import BUTTONS, Bench
 
 from srl.runtime.contracts.signals import Stop
-from srl.runtime.ipc.words import Cause
+from srl.runtime.ipc.header import Cause
 from srl.runtime.loop.machine import Fault, Machine
 from srl.runtime.profile.profile import EmergencyInput, Faults
 
@@ -30,14 +30,14 @@ def test_the_first_of_the_profile_counts_in_whatever_order_they_are_pressed(
     if before == "stopped":
         m.stop(Fault(Cause.REQUEST))
         m.settle(True)
-    for k, culprit in enumerate(pressed):
-        m.stop(Fault(Cause.EMERGENCY, culprit))
+    for k, fault_source in enumerate(pressed):
+        m.stop(Fault(Cause.EMERGENCY, fault_source))
         first = min(pressed[: k + 1])
-        assert (m.cause, m.culprit, m.override) == (Cause.EMERGENCY, first, INPUTS[first].category)
+        assert (m.cause, m.fault_source, m.override) == (Cause.EMERGENCY, first, INPUTS[first].category)
         m.settle(False)
-    for culprit in pressed:  # they stay pressed
-        m.stop(Fault(Cause.EMERGENCY, culprit))
-    assert (m.culprit, m.override) == (min(pressed), INPUTS[min(pressed)].category)
+    for fault_source in pressed:  # they stay pressed
+        m.stop(Fault(Cause.EMERGENCY, fault_source))
+    assert (m.fault_source, m.override) == (min(pressed), INPUTS[min(pressed)].category)
 
 
 @pytest.mark.parametrize(("earlier", "later"), [(0, 1), (1, 0)])
@@ -51,7 +51,7 @@ def test_in_a_run_the_stop_of_the_first_stays_when_that_is_released(tmp_path: Pa
     seen: list[tuple[int, Stop | None]] = []
 
     def script(k: int) -> None:
-        seen.append((b.cycle.machine.culprit, b.cycle.machine.override))
+        seen.append((b.cycle.machine.fault_source, b.cycle.machine.override))
         b.hand.values["position"][:] = 1.5
         b.panel.values["buttons"][earlier] = k >= 40
         if k >= 45:

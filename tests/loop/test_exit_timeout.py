@@ -8,10 +8,10 @@ import pytest
 from helpers.toy import PERIOD, Bench
 
 from srl.runtime.contracts.signals import Stop
-from srl.runtime.ipc.words import State
-from srl.runtime.loop.cycle import PATIENCE
+from srl.runtime.ipc.header import State
+from srl.runtime.loop.cycle import TIMEOUT
 
-MOST = PATIENCE // PERIOD  # cycles
+MOST = TIMEOUT // PERIOD  # cycles
 ASKED = 30
 
 

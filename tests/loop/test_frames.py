@@ -15,7 +15,7 @@ from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.contracts.terms import POSE
 from srl.runtime.contracts.transforms import Transform, frame
-from srl.runtime.ipc.words import Cause, State
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.loop.replay import replay
 
 FRAMES = "frames: {room: {}, seen: {parent: room, pose: panel.pose}, tip: {parent: seen, position: [0.1, 0.0, 0.0]}}"
@@ -36,7 +36,7 @@ class Follower(Law):
         self.output["q"][:] = self.transform["tip"][:2]
 
 
-class Sight(Toy):
+class MonitoredPose(Toy):
     """Its panel sees a body in the room."""
 
     def __init__(self, name: str, config: ToyConfig) -> None:
@@ -49,7 +49,7 @@ class Sight(Toy):
 @pytest.fixture
 def sight(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("helpers.toy.Law", Follower)
-    monkeypatch.setattr("helpers.toy.Toy", Sight)
+    monkeypatch.setattr("helpers.toy.Toy", MonitoredPose)
     monkeypatch.setattr(registry, "load", _load)
 
 
@@ -68,13 +68,13 @@ def test_a_law_gets_the_pose_of_its_own_cycle_and_a_replay_the_same(tmp_path: Pa
     rows = b.rows()[:-1]
     layout = b.graph.layout
     asked, pose = layout.value(rows, "arm.command"), layout.value(rows, "panel.pose")
-    begun = int(np.argmax(asked.any(axis=1)))
-    np.testing.assert_array_equal(asked[begun:], pose[begun:, :2] + [0.1, 0.0])
-    assert b.graph.controllers[0].began == pytest.approx(asked[begun])  # type: ignore[attr-defined]
+    started = int(np.argmax(asked.any(axis=1)))
+    np.testing.assert_array_equal(asked[started:], pose[started:, :2] + [0.1, 0.0])
+    assert b.graph.controllers[0].began == pytest.approx(asked[started])  # type: ignore[attr-defined]
     assert b.graph.intent[b.graph.layout.devices.index("panel")]
     assert replay(layout, rows, "toy").identical
     rows = rows.copy()
-    rows[begun + 50].view(np.float64)[layout.ints + layout.fields["panel.pose"].offset] += 1e-9
+    rows[started + 50].view(np.float64)[layout.ints + layout.fields["panel.pose"].offset] += 1e-9
     assert not replay(layout, rows, "toy").identical
 
 
@@ -93,7 +93,7 @@ def test_a_frame_that_isnt_seen_stops_the_law_that_uses_it(tmp_path: Path, lost:
     b.run(200, move)
     faults = [s for s in b.states if s[0] in (State.STOPPING, State.STOPPED)]
     assert faults[0][1] is Cause.INTENT_LOSS
-    assert b.word("culprit")[-1] == b.graph.layout.devices.index("panel")
+    assert b.word("fault_source")[-1] == b.graph.layout.devices.index("panel")
     stopped = [s for s, _ in b.states].index(faults[0][0])
     assert stopped <= (108 if lost == "silent" else 102)
     rows = b.rows()

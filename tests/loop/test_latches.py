@@ -10,9 +10,9 @@ import pytest
 from helpers.toy import Bench, _load
 
 from srl.runtime.contracts import registry
+from srl.runtime.ipc.header import CYCLE, Cause, Latch, Origin, State
 from srl.runtime.ipc.latches import NONE, of_names
 from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from srl.runtime.ipc.words import CYCLE, Cause, Latch, Origin, State
 from srl.runtime.loop.replay import replay
 
 MOVING = (State.HOMING, State.ACTIVE)
@@ -64,12 +64,12 @@ def test_for_a_minute_no_client_at_full_speed_moves_the_limb(tmp_path: Path, wha
             b.arm.health.fault = "protective stop" if k == 50 and what == "fault" else ""
 
     b.run(MINUTE, insist(b, script))
-    begun = 52
+    started = 52
     assert what == "restart" or states(b)[40] is State.ACTIVE
-    assert not set(states(b)[begun:]) & set(MOVING)
+    assert not set(states(b)[started:]) & set(MOVING)
     where = b.graph.layout.value(b.rows(), "arm.command.applied")  # the newest 4096 rows
     assert np.ptp(where, axis=0).max() == 0
-    assert len(b.arm.sent) <= begun or not np.ptp(b.arm.sent[100:], axis=0).any()
+    assert len(b.arm.sent) <= started or not np.ptp(b.arm.sent[100:], axis=0).any()
     latch = {"local stop": "person", "e-stop": "emergency"}.get(what, what)
     rows = b.rows()
     assert b.graph.layout.word(rows, "latches")[-2] == of_names([latch])

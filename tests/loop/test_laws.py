@@ -9,7 +9,7 @@ import pytest
 from helpers.toy import SPEED, Bench, Law, _load
 
 from srl.runtime.contracts import registry
-from srl.runtime.ipc.words import Cause, State
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.loop.replay import replay
 
 
@@ -35,7 +35,7 @@ def test_a_law_that_found_contact_or_lost_what_it_follows_stops_the_limb_until_a
     assert b.word("state")[50] in (State.STOPPING, State.STOPPED)
     assert b.word("cause")[50] == cause
     # Contact is the law's own word; what a law has lost is its sensor's.
-    assert layout.culprit(cause, int(b.word("culprit")[50])) == (law.name if word == "contact" else "hand")
+    assert layout.fault_source(cause, int(b.word("fault_source")[50])) == (law.name if word == "contact" else "hand")
     assert any(event in said for said in b.events)
     assert b.word("state")[89] == State.STOPPED
     assert b.states[-1] == (State.ACTIVE, Cause.NONE)
@@ -47,17 +47,17 @@ def test_each_time_motion_begins_a_law_is_reset_once_before_its_first_cycle(
 ) -> None:
     """Else it would go on from where it stood before the stop: its filters, its references."""
     b = Bench(tmp_path)
-    law, told = b.cycle.graph.laws[0].controller, ""
+    law, reported = b.cycle.graph.laws[0].controller, ""
     reset, update = law.reset, law.update
 
     def resets() -> None:
-        nonlocal told
-        told += "r"
+        nonlocal reported
+        reported += "r"
         reset()
 
     def updates(dt: float) -> None:
-        nonlocal told
-        told += "u"
+        nonlocal reported
+        reported += "u"
         update(dt)
 
     monkeypatch.setattr(law, "reset", resets)
@@ -73,17 +73,17 @@ def test_each_time_motion_begins_a_law_is_reset_once_before_its_first_cycle(
     motions = "".join("u" if state == State.ACTIVE else " " for state in b.word("state")).split()
     assert len(motions) == 3
     # A cycle's end decides that the limb is active; its laws begin in the next one.
-    assert told == "".join(f"r{motion[1:]}" for motion in motions)
+    assert reported == "".join(f"r{motion[1:]}" for motion in motions)
 
 
 def test_a_law_that_fails_at_its_figures_doesnt_spoil_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def figures(law: Law) -> dict[str, object]:
+    def metrics(law: Law) -> dict[str, object]:
         raise ArithmeticError("a defect")
 
-    monkeypatch.setattr(Law, "figures", figures)
+    monkeypatch.setattr(Law, "metrics", metrics)
     b = Bench(tmp_path)
     b.run(20, lambda k: None)
-    assert b.cycle.figures() == {}
+    assert b.cycle.metrics() == {}
     assert "a defect" in b.events[-1]
 
 
@@ -92,13 +92,13 @@ def test_in_a_stop_a_law_weighs_on_until_it_fails_and_again_after_a_reset(
 ) -> None:
     called: list[tuple[State, float]] = []
 
-    def weigh(law: Law, dt: float) -> None:
+    def update_gravity(law: Law, dt: float) -> None:
         called.append((b.cycle.machine.state, dt))
         law.output["q"][:] = len(called) * 1e-3  # what it renews in a stop is in the rows, and replays
         if len(called) == 20:
             raise ValueError("a defect")
 
-    monkeypatch.setattr(Law, "weigh", weigh)
+    monkeypatch.setattr(Law, "update_gravity", update_gravity)
     b = Bench(tmp_path)
 
     def script(k: int) -> None:

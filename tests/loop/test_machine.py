@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from srl.runtime.contracts.signals import Stop
 from srl.runtime.ipc import latches
+from srl.runtime.ipc.header import Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind
-from srl.runtime.ipc.words import Cause, Latch, Origin, State
-from srl.runtime.loop.machine import Fault, Ladder, Machine
+from srl.runtime.loop.machine import Fault, Machine, OverrunCounter
 from srl.runtime.profile.profile import EmergencyInput, Faults
 
 EMERGENCY = [EmergencyInput(signal="panel.buttons", category=Stop.LIMP)]
@@ -71,7 +71,7 @@ def test_a_run_after_a_crash_begins_in_the_stop() -> None:
 def test_a_fault_stops_and_stays_until_a_reset(cause: Cause) -> None:
     m = active()
     m.stop(Fault(cause, 3))
-    assert (m.state, m.cause, m.culprit) == (State.STOPPING, cause, 3)
+    assert (m.state, m.cause, m.fault_source) == (State.STOPPING, cause, 3)
     m.settle(False)
     assert m.state is State.STOPPING
     m.settle(True)
@@ -133,9 +133,9 @@ def test_no_way_into_motion_but_an_explicit_one(events: list[tuple[str, object]]
 
 
 def test_the_overrun_ladder() -> None:
-    ladder = Ladder(tolerate=2, window=1.0, stop=5)
+    overruns = OverrunCounter(tolerate=2, window=1.0, stop=5)
     second = 1_000_000_000
-    assert ladder.count(0, 2) == (False, False)
-    assert ladder.count(1, 1) == (True, False)
-    assert ladder.count(2, 2) == (True, True)
-    assert ladder.count(3 * second, 0) == (False, False)
+    assert overruns.count(0, 2) == (False, False)
+    assert overruns.count(1, 1) == (True, False)
+    assert overruns.count(2, 2) == (True, True)
+    assert overruns.count(3 * second, 0) == (False, False)

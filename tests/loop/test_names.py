@@ -64,14 +64,14 @@ def test_each_joint_follows_its_own_name_and_a_replay_finds_no_difference(tmp_pa
     asked, applied, hand = (
         layout.value(rows, name) for name in ("arm.command", "arm.command.applied", "hand.position")
     )
-    begun = int(np.argmax(asked.any(axis=1)))
-    np.testing.assert_array_equal(asked[begun:], hand[begun:])
+    started = int(np.argmax(asked.any(axis=1)))
+    np.testing.assert_array_equal(asked[started:], hand[started:])
     np.testing.assert_allclose(applied[-1], hand[-1], atol=0.05)
     # It began where the arm was measured, and each joint went its own way from there.
     (law,) = b.graph.controllers
     assert isinstance(law, TurnedLaw)
     assert law.began == [0.2, 0.1]
-    np.testing.assert_allclose(applied[begun], [0.1, 0.2], atol=0.02)
+    np.testing.assert_allclose(applied[started], [0.1, 0.2], atol=0.02)
     assert replay(layout, rows, "toy").identical
 
 

@@ -13,8 +13,8 @@ import pytest
 from srl.runtime.contracts.driver import DeviceConfig, Driver
 from srl.runtime.contracts.signals import Stop
 from srl.runtime.contracts.world import Fake
+from srl.runtime.ipc.header import DEVICE, LINK_ERROR
 from srl.runtime.ipc.launch import Launch
-from srl.runtime.ipc.words import DEVICE, LINK_ERROR
 from srl.runtime.loop import process as process_module
 from srl.runtime.loop.device import Device
 from srl.runtime.loop.process import Process
@@ -115,7 +115,7 @@ class Opened(Counted):
 def starting(monkeypatch: pytest.MonkeyPatch, devices: list[Opened], ending: Asked) -> Process:
     """A process whose profile has these devices."""
     graph = SimpleNamespace(
-        doubts=[], remarks=[], devices=devices,
+        warnings=[], remarks=[], devices=devices,
         row=SimpleNamespace(devices=np.zeros((9, len(DEVICE)), np.int64)), world=None,
         actuators_of=lambda _: [],
     )  # fmt: skip

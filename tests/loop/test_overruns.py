@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from helpers.toy import Bench
 
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.requests import Answer
-from srl.runtime.ipc.words import State
 
 
 def test_overruns_that_would_stop_the_limb_again_refuse_a_reset(tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ def test_overruns_at_the_begin_are_waited_out(tmp_path: Path) -> None:
 
     b.run(160, script)
     state = b.word("state")
-    begun = int(np.flatnonzero(state != State.READY)[0])
-    assert begun > 90, "the window of a second"
-    assert not set(state[begun:-1].tolist()) & {State.STOPPING, State.STOPPED}
+    started = int(np.flatnonzero(state != State.READY)[0])
+    assert started > 90, "the window of a second"
+    assert not set(state[started:-1].tolist()) & {State.STOPPING, State.STOPPED}
     assert state[-2] == State.ACTIVE

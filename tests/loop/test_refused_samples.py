@@ -8,7 +8,7 @@ import numpy as np
 
 from srl.runtime.contracts.driver import Driver, Health
 from srl.runtime.contracts.signals import Signal
-from srl.runtime.ipc.words import DEVICE
+from srl.runtime.ipc.header import DEVICE
 from srl.runtime.loop.device import Device
 
 DAYS = 10**15  # ns
@@ -31,10 +31,10 @@ class InDegrees:
 
 
 def test_a_sensor_that_is_wrong_from_the_start_is_said_to_be_so_from_then_on() -> None:
-    told: list[str] = []
-    device = Device(cast(Any, InDegrees()), np.zeros(len(DEVICE), np.int64), [], told.append)
+    reported: list[str] = []
+    device = Device(cast(Any, InDegrees()), np.zeros(len(DEVICE), np.int64), [], reported.append)
     for k in range(500):
         device.read(DAYS + k * 10_000_000)
-    assert told[0] == "'glove': a sample isn't taken: position[index] 90 rad can't be: -3 to 3"
-    assert "no sample has been taken for 4 s" in told[-1]
-    assert len(told) == 4, "ever more rarely"
+    assert reported[0] == "'glove': a sample isn't taken: position[index] 90 rad can't be: -3 to 3"
+    assert "no sample has been taken for 4 s" in reported[-1]
+    assert len(reported) == 4, "ever more rarely"

@@ -22,9 +22,9 @@ from helpers.toy import PERIOD, wired
 from helpers.wait import until
 
 from srl.runtime.ipc.control_socket import LIFETIME, NOTES, send_note, send_request
+from srl.runtime.ipc.header import DEVICE, Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import DEVICE, Cause, Latch, Origin, State
 from srl.runtime.loop.control_end import ControlEnd
 from srl.runtime.loop.request_queue import PendingRequest, RequestQueue
 
@@ -327,7 +327,7 @@ def test_a_flood_of_resets_leaves_room_for_a_stop(desk: Desk) -> None:
 
         until(lambda: not asker.is_alive(), cycle)
         asker.join()
-    assert got == [{"ok": True, "state": "stopped", "cause": "request", "culprit": "", "latches": ["person"]}]
+    assert got == [{"ok": True, "state": "stopped", "cause": "request", "fault_source": "", "latches": ["person"]}]
 
 
 def test_everybody_who_asks_for_the_same_stop_is_answered(desk: Desk) -> None:

@@ -9,8 +9,8 @@ import pytest
 from helpers.toy import Bench, _load
 
 from srl.runtime.contracts import registry
+from srl.runtime.ipc.header import CYCLE, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from srl.runtime.ipc.words import CYCLE, Latch, Origin, State
 from srl.runtime.loop import device as device_module
 from srl.runtime.loop.replay import replay
 

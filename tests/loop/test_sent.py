@@ -16,7 +16,7 @@ from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
 from srl.runtime.guard import TorqueGuard
-from srl.runtime.ipc.words import FLAG_RESEATED, Cause, State
+from srl.runtime.ipc.header import FLAG_RESYNCHRONISED, Cause, State
 from srl.runtime.loop import device as device_module
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.guards import limits_of
@@ -38,16 +38,16 @@ def test_the_row_shows_a_stall_and_what_follows_is_a_ramp(tmp_path: Path) -> Non
     b = Bench(tmp_path)
     b.run(300, lambda k: _follow(b, (100, 190), k))
     sent, applied = _value(b, "arm.command.sent")[:, 0], _value(b, "arm.command.applied")[:, 0]
-    reseated = (b.word("flags") & FLAG_RESEATED) > 0
+    resynchronised = (b.word("flags") & FLAG_RESYNCHRONISED) > 0
     assert (sent[100:190] == sent[99]).all()
     assert np.abs(np.diff(sent[50:])).max() <= SPEED * 0.01 * (1 + 1e-6)
     assert abs(sent[190] - sent[99]) <= 10 * 0.01**2, "the first step after the stall is one from rest"
     assert np.abs(applied[110:190] - sent[99]).max() <= 10 * 0.01**2, "the guard stays where the arm is"
-    assert reseated[110:190].all()
-    assert not reseated[:100].any()
-    assert not reseated[192:].any()
-    told = [event for event in b.events if "arm.command" in event]
-    assert [("again" in event) for event in told] == [False, True], "and people are told, once each"
+    assert resynchronised[110:190].all()
+    assert not resynchronised[:100].any()
+    assert not resynchronised[192:].any()
+    reported = [event for event in b.events if "arm.command" in event]
+    assert [("again" in event) for event in reported] == [False, True], "and people are told, once each"
     commands = b.word("arm.commands")
     assert commands[189] == commands[99]
     assert commands[299] - commands[189] == 110
@@ -218,7 +218,7 @@ def test_a_command_isnt_taken_for_sent_because_another_of_its_device_was(
     b.run(60, lambda k: None)
     assert replay(b.graph.layout, b.rows()[:-1], "toy").identical
     assert np.array_equal(_value(b, "arm.first.applied"), _value(b, "arm.second.applied"))
-    assert not (b.word("flags") & FLAG_RESEATED).any()
+    assert not (b.word("flags") & FLAG_RESYNCHRONISED).any()
 
 
 class Weigher(Law):
@@ -313,5 +313,5 @@ def test_a_start_does_not_drop_the_torque_that_a_held_stop_pulls_with(
     assert State.STOPPED in states[30:90]
     assert states[-2] == State.ACTIVE
     assert np.abs(applied[85:90] - 3.0).max() > 2.0, "the hold pulls back"
-    begun = int(np.flatnonzero(states == State.ACTIVE)[0])
-    assert np.abs(np.diff(applied[begun:], axis=0)).max() <= 50 * 0.01 * (1 + 1e-9)
+    started = int(np.flatnonzero(states == State.ACTIVE)[0])
+    assert np.abs(np.diff(applied[started:], axis=0)).max() <= 50 * 0.01 * (1 + 1e-9)

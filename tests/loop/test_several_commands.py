@@ -14,7 +14,7 @@ from helpers.toy import JOINTS, PROFILE, Bench, Law, Toy, ToyConfig
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
-from srl.runtime.ipc.words import Cause, State
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.loop import device as device_module
 
 

@@ -23,9 +23,9 @@ def test_a_base_whose_link_takes_one_command_in_some_comes_to_rest(every: int) -
         run.setpoint("client.twist", [0.3, 0, 0.4])
         run.run(2)
         run.stop()
-        begun = run.time
+        started = run.time
         while run.state != "stopped":
-            assert run.time - begun < 1.5
+            assert run.time - started < 1.5
             if every > 1:
                 run.fault("base", "deaf")
                 run.step(every - 1)
@@ -49,7 +49,7 @@ def test_a_stop_ends_whatever_the_driver_reports(kind: Kind, report: str, catego
     for k in range(1000):
         if k < 100:
             sent[:] = applied
-        guard.reseat(k < 100 or report == "one old value", DT)
+        guard.resynchronise(k < 100 or report == "one old value", DT)
         if k < 150:
             guard.step(np.array([2.0]), None, DT)
         else:

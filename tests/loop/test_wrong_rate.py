@@ -79,7 +79,7 @@ def test_a_velocity_that_is_wrong_in_most_samples_stops_the_limb(wrong: float, e
         arm.change = _to(wrong, every, 3)
         run.until(lambda: run.state != "active", most=0.6)
         assert run.cause in ("device_loss", "device_fault"), run.situation()
-        assert run.culprit == "arm"
+        assert run.fault_source == "arm"
         assert _travel(run, 1.0) < 0.2
 
 
@@ -181,4 +181,4 @@ def test_a_device_whose_stamps_lie_ahead_is_found_silent_all_the_same(ahead: flo
         run.until(lambda: run.stale("arm"), most=5)
         assert (now - last) * 1e-9 <= driver.max_age + 2 * run.time / run.cycles
         assert run.state in ("stopping", "stopped")
-        assert (run.cause, run.culprit) == ("device_loss", "arm"), run.events
+        assert (run.cause, run.fault_source) == ("device_loss", "arm"), run.events

@@ -11,7 +11,7 @@ import pytest
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.guard.samples import AGREE
-from srl.runtime.ipc.words import DEVICE
+from srl.runtime.ipc.header import DEVICE
 from srl.runtime.testing.lab import Lab
 
 ACTIVE, STOPPED = 40, 30  # cycles
@@ -193,7 +193,7 @@ def test_a_device_that_is_wrong_for_long_is_told_ever_more_rarely_and_what_to_lo
 
         driver.read = degrees  # type: ignore[method-assign]
         run.step(round(20 / (run.time / run.cycles)))
-        told = [text for text in run.events if "taken" in text and "position" in text]
-        assert 3 <= len(told) <= 7, told
-        assert "no sample has been taken for" in told[-1]
-        assert "Look at its units" in told[-1]
+        reported = [text for text in run.events if "taken" in text and "position" in text]
+        assert 3 <= len(reported) <= 7, reported
+        assert "no sample has been taken for" in reported[-1]
+        assert "Look at its units" in reported[-1]

@@ -94,7 +94,7 @@ def test_setpoint_as_json(payload: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("payload", "said"),
+    ("payload", "output"),
     [
         (b"[1, 2]", "2 values came where the signal has 3"),
         (b"[1, 2, NaN]", "NaN or infinite"),
@@ -114,8 +114,8 @@ def test_setpoint_as_json(payload: str) -> None:
         (cdr.HEADER + b"\xff" * 40, "payload"),
     ],
 )
-def test_what_is_no_setpoint_is_refused(payload: bytes, said: str) -> None:
-    with pytest.raises(RequestError, match=said):
+def test_what_is_no_setpoint_is_refused(payload: bytes, output: str) -> None:
+    with pytest.raises(RequestError, match=output):
         messages.read_values(payload, "", FORCE, "k")
 
 

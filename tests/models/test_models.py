@@ -111,11 +111,11 @@ def test_wrong_models_are_refused(case: str, tmp_path: Path, capsys: pytest.Capt
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
     assert main(["check", str(path)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("srl check: ")
-    assert len(said.strip().splitlines()) == 1
+    output = capsys.readouterr().err
+    assert output.startswith("srl check: ")
+    assert len(output.strip().splitlines()) == 1
     for word in words:
-        assert word in said, f"'{word}' isn't in: {said}"
+        assert word in output, f"'{word}' isn't in: {output}"
 
 
 @pytest.mark.parametrize(

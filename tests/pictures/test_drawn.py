@@ -14,7 +14,7 @@ from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
 from srl.runtime.recording.link_capsules import link_capsules
-from srl.runtime.recording.robots import StandingRobots
+from srl.runtime.recording.robots import FixedRobots
 from srl.runtime.recording.solids import Solids
 
 
@@ -30,7 +30,7 @@ def moved(name: str, seconds: float, *overrides: str) -> Graph:
 
 def drawn(graph: Graph) -> dict[str, Array]:
     """(3,) m by DEVICE/LINK."""
-    standing = StandingRobots(graph.layout)
+    standing = FixedRobots(graph.layout)
     placed = zip(standing.robots, standing.of(graph.row.words), strict=True)
     return {f"{r.name}/{link.name}": T[:3, 3] for r, t in placed for link, T in zip(r.linkage.links, t, strict=True)}
 
@@ -92,14 +92,14 @@ def test_what_hangs_on_a_flange_moves_with_it() -> None:
 def test_a_chain_of_axes_is_drawn_as_the_profile_says(tmp_path: Path) -> None:
     graph = moved("servo-jog", 0.1)
     assert drawn(graph)["finger/tip"] == pytest.approx(body(graph, "finger/tip"), abs=1e-3)
-    doubts = wiring.build(*profile.load("servo-jog", ["devices.finger.robot.axes={mcp: {}}"])).doubts
-    assert any("the joints of `axes` aren't those of 'finger' (proximal, distal)" in text for text in doubts)
+    warnings = wiring.build(*profile.load("servo-jog", ["devices.finger.robot.axes={mcp: {}}"])).warnings
+    assert any("the joints of `axes` aren't those of 'finger' (proximal, distal)" in text for text in warnings)
 
 
 def test_a_link_that_is_not_drawn_carries_nothing_and_is_told() -> None:
     graph = wiring.build(*profile.load("kairos-man", ["devices.hand.robot.at=arm/flnge"]))
     assert [robot["name"] for robot in graph.layout.meta["robots"]] == ["arm", "base"]
-    assert any("no robot that is drawn has a link arm/flnge" in text for text in graph.doubts)
+    assert any("no robot that is drawn has a link arm/flnge" in text for text in graph.warnings)
 
 
 def test_pictures_without_meshes_have_the_robot_too() -> None:

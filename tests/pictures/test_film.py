@@ -47,7 +47,7 @@ def test_near_and_far_keep_colours_of_their_own(file: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "output"),
     [
         (("--between", "2", "1"), "isn't before"),
         (("--between", "3", "99"), "Give times from 0 to 3.99 s"),
@@ -55,8 +55,8 @@ def test_near_and_far_keep_colours_of_their_own(file: Path, tmp_path: Path) -> N
         (("--show", "nobody"), "nobody"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(file: Path, tmp_path: Path, words: tuple[str, ...], said: str) -> None:
-    assert said in refused("export", str(file), "--film", str(tmp_path / "f.gif"), *words)
+def test_what_cannot_be_drawn_is_refused(file: Path, tmp_path: Path, words: tuple[str, ...], output: str) -> None:
+    assert output in refused("export", str(file), "--film", str(tmp_path / "f.gif"), *words)
     assert not (tmp_path / "f.gif").exists()
 
 

@@ -18,7 +18,7 @@ from srl.runtime.loop.guards import limits_of
 from srl.runtime.overview.overview import overview
 from srl.runtime.pictures import frames_picture, wiring_picture
 from srl.runtime.pictures.wiring_picture import Wiring, laid_out
-from srl.runtime.profile import profile, shelf, wiring
+from srl.runtime.profile import library, profile, wiring
 
 
 @cache
@@ -97,7 +97,7 @@ def notes_of(name: str, *overrides: str) -> list[str]:
     return notes
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_no_arrow_goes_through_a_box(name: str) -> None:
     """Between columns arrows bend, and there is no box; within a column each has a slot, beside the boxes."""
     made = made_of(name)
@@ -112,7 +112,7 @@ def test_no_arrow_goes_through_a_box(name: str) -> None:
         assert arrow.end.column == arrow.start.column + 1
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_every_wire_is_an_arrow(name: str) -> None:
     found = of(name)
     made = made_of(name)
@@ -195,7 +195,7 @@ def names_of(caption: str, triads: list[tuple[str, Pose, int]]) -> Any:
     return axis
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_no_name_of_a_frame_is_cut_off_or_lies_on_another(name: str) -> None:
     graph = wiring.build(*profile.load(name), [])
     drawn, _ = frames_picture.groups(overview(graph, limits_of(graph)))

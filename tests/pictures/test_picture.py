@@ -14,7 +14,7 @@ from helpers.drawn import Drawn
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.rotation import matrices
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.pictures.eye import look
+from srl.runtime.pictures.camera import look
 from srl.runtime.recorder import blueprint
 from srl.runtime.recorder.capsules import capsule_columns
 from srl.runtime.recorder.stream import Stream

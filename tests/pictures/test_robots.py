@@ -252,13 +252,13 @@ def drawn_small(folder: Path, text: str = SMALL) -> tuple[Frames, list[str], lis
     graph = wiring.build(*profile.load(str(file)))
     rows = made_rows(graph.layout, 20, 100.0, arm__position=np.full((20, 2), 0.2))
     recording, problems = write(graph.layout, rows, folder)
-    return Frames(recording), problems, graph.doubts, graph.layout
+    return Frames(recording), problems, graph.warnings, graph.layout
 
 
 def test_a_users_urdf_is_drawn_with_its_meshes(tmp_path: Path) -> None:
     write_urdf(tmp_path)
-    frames, problems, doubts, layout = drawn_small(tmp_path)
-    assert (problems, doubts) == ([], [])
+    frames, problems, warnings, layout = drawn_small(tmp_path)
+    assert (problems, warnings) == ([], [])
     assert "/robot-arm/small/visual_geometries/arm/visual_0" in frames.paths
     assert not any("collision" in path for path in frames.paths)
     assert frames.place("arm:plate", 19) == pytest.approx(np.eye(4), abs=1e-6)  # the base is the device's own frame
@@ -268,9 +268,9 @@ def test_a_users_urdf_is_drawn_with_its_meshes(tmp_path: Path) -> None:
 
 def test_a_missing_mesh_is_told_once_and_the_robot_has_plain_shapes(tmp_path: Path) -> None:
     write_urdf(tmp_path, mesh=False)
-    frames, problems, doubts, _ = drawn_small(tmp_path)
+    frames, problems, warnings, _ = drawn_small(tmp_path)
     assert problems == []
-    (doubt,) = doubts
+    (doubt,) = warnings
     assert "devices.arm.robot" in doubt
     assert "package://small/arm.stl of link arm isn't there" in doubt
     assert not any("visual_geometries" in path for path in frames.paths)
@@ -304,9 +304,9 @@ def test_a_mesh_that_goes_after_the_check_costs_the_picture_only(tmp_path: Path)
 )
 def test_a_robot_that_cannot_be_used_is_doubted_and_the_profile_stands(tmp_path: Path, robot: str, reason: str) -> None:
     write_urdf(tmp_path)
-    frames, problems, doubts, _ = drawn_small(tmp_path, SMALL.replace("{urdf: URDF, base: plate, tip: tool}", robot))
+    frames, problems, warnings, _ = drawn_small(tmp_path, SMALL.replace("{urdf: URDF, base: plate, tip: tool}", robot))
     assert problems == []
-    (doubt,) = doubts
+    (doubt,) = warnings
     assert "small.yaml line 8: devices.arm.robot: " in doubt
     assert reason in doubt
     assert not frames.moved
@@ -329,9 +329,9 @@ def test_names_and_numbers_that_no_robot_has_cost_the_picture_only(
     write_urdf(tmp_path, text=URDF.replace(old, new))
     with (tmp_path / "large.stl").open("wb") as file:
         file.truncate((100 << 20) + 1)
-    _, problems, doubts, _ = drawn_small(tmp_path)
+    _, problems, warnings, _ = drawn_small(tmp_path)
     assert problems == []
-    (doubt,) = doubts
+    (doubt,) = warnings
     assert reason in doubt
     assert len(doubt) < 500
 

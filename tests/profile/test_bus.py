@@ -26,7 +26,7 @@ def test_tls_opens_to_the_network() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "output"),
     [
         ({"listen": ["tcp/0.0.0.0:7447"]}, "anyone on the network"),
         ({"listen": ["tcp/0.0.0.0:7447"], "tls": TLS}, "anyone on the network"),
@@ -44,6 +44,6 @@ def test_tls_opens_to_the_network() -> None:
         ({"lissten": []}, "Extra inputs"),
     ],
 )
-def test_what_would_be_open_is_refused(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValidationError, match=said):
+def test_what_would_be_open_is_refused(options: dict[str, Any], output: str) -> None:
+    with pytest.raises(ValidationError, match=output):
         BusConfig.model_validate(options)

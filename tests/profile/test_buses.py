@@ -40,7 +40,7 @@ def test_seven_motors_fit_at_500_hz(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("traffic", "said"),
+    ("traffic", "output"),
     [
         ({"arm": Traffic("a", 1e6, SEVEN)}, "can't carry arm at 1000 Hz.*189 %.*Set 'rate' to 529 or less"),
         (
@@ -56,9 +56,9 @@ def test_seven_motors_fit_at_500_hz(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_a_bus_that_is_asked_for_more_is_refused(
-    monkeypatch: pytest.MonkeyPatch, traffic: dict[str, Any], said: str
+    monkeypatch: pytest.MonkeyPatch, traffic: dict[str, Any], output: str
 ) -> None:
-    with pytest.raises(WiringError, match=said):
+    with pytest.raises(WiringError, match=output):
         build(monkeypatch, 1000, **traffic)
 
 
@@ -100,7 +100,7 @@ def two(one: str, other: str, ports: tuple[str, str] = ("can://socketcan/can0",)
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "said"),
+    ("one", "other", "output"),
     [
         (
             DAMIAO,
@@ -124,8 +124,8 @@ def two(one: str, other: str, ports: tuple[str, str] = ("can://socketcan/can0",)
         (FT.replace("ID", "0x65"), AK.replace("ID", "0x66"), "identifier 0x66: first halves of records"),
     ],
 )
-def test_devices_of_one_bus_that_would_obey_each_other_are_refused(one: str, other: str, said: str) -> None:
-    with pytest.raises(WiringError, match=said):
+def test_devices_of_one_bus_that_would_obey_each_other_are_refused(one: str, other: str, output: str) -> None:
+    with pytest.raises(WiringError, match=output):
         two(one, other)
     two(one, other, ("can://socketcan/can0", "can://socketcan/can1"))
 

@@ -37,22 +37,22 @@ def build(monkeypatch: pytest.MonkeyPatch, **declared: Any) -> Graph:
 
 
 @pytest.mark.parametrize(
-    ("declared", "said"),
+    ("declared", "output"),
     [
         ({"feedback": "positon"}, "which is no state of it"),
         ({"feedback": "motor"}, r"shapes differ: 'arm.motor' has \[1\], 'arm.command' has \[2\]"),
     ],
 )
 def test_feedback_must_be_a_state_of_the_same_shape(
-    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any], said: str
+    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any], output: str
 ) -> None:
-    with pytest.raises(WiringError, match=said) as caught:
+    with pytest.raises(WiringError, match=output) as caught:
         build(monkeypatch, **declared)
     assert "devices.arm" in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("limits", "said"),
+    ("limits", "output"),
     [
         (
             {"comand": Limits(upper=np.ones(2))},
@@ -63,10 +63,10 @@ def test_feedback_must_be_a_state_of_the_same_shape(
     ],
 )
 def test_a_drivers_limits_must_be_of_its_commands(
-    monkeypatch: pytest.MonkeyPatch, limits: dict[str, Limits], said: str
+    monkeypatch: pytest.MonkeyPatch, limits: dict[str, Limits], output: str
 ) -> None:
     graph = build(monkeypatch, limits=limits)
-    with pytest.raises(WiringError, match=said):
+    with pytest.raises(WiringError, match=output):
         limits_of(graph)
 
 
@@ -77,7 +77,7 @@ def test_limits_of_a_command_narrow_the_profiles(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize(
-    ("declared", "said"),
+    ("declared", "output"),
     [
         ({"period": None}, r"driver 'toy' doesn't declare how often it sends 'command' \(period: None\)"),
         ({"period": 3.0}, "doesn't declare how often"),
@@ -86,9 +86,9 @@ def test_limits_of_a_command_narrow_the_profiles(monkeypatch: pytest.MonkeyPatch
     ],
 )
 def test_a_driver_must_declare_how_it_sends(
-    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any], said: str
+    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any], output: str
 ) -> None:
-    with pytest.raises(WiringError, match=said) as caught:
+    with pytest.raises(WiringError, match=output) as caught:
         build(monkeypatch, **declared)
     assert "devices.arm" in str(caught.value)
     assert "sent_arrays" in str(caught.value)

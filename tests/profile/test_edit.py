@@ -7,7 +7,7 @@ import difflib
 import pytest
 
 from srl.runtime.contracts.errors import ProfileError
-from srl.runtime.profile import profile, shelf
+from srl.runtime.profile import library, profile
 from srl.runtime.profile.edit import as_yaml, edited
 from srl.runtime.profile.overrides import value
 
@@ -120,7 +120,7 @@ def test_a_choice_is_made_first_and_its_branch_is_changed_in_its_place() -> None
     assert "\ninput: ring                     # or ikns-optitrack" in now
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_each_device_of_each_shipped_profile_gets_another_port(name: str) -> None:
     label, text, _ = profile.find(name)
     overrides = [f"devices.{device}.port=/dev/mine-{device}" for device in profile.load(name)[0].devices]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 from srl.testing import Simulated, simulate

@@ -37,9 +37,9 @@ JOINTS = "{abduction: 1.0, flexion_1: 1.0, flexion_2: 1.0, flexion_3: true}"
     ],
 )
 def test_a_switch_is_refused_where_a_number_belongs(change: str, place: str) -> None:
-    said = refused("check", "sixth-finger", "--set", change)
-    assert place in said
-    assert "number" in said
+    output = refused("check", "sixth-finger", "--set", change)
+    assert place in output
+    assert "number" in output
 
 
 @pytest.mark.parametrize("value", ["1e300", "100.0"])

@@ -61,9 +61,9 @@ def test_the_same_by_name_in_another_order(name: str, option: str) -> None:
 def test_srl_check_refuses_a_misspelt_name(capsys: Capture, name: str, option: str) -> None:
     first = GIVEN[name][option][0].split()[0]
     wrong = forms(GIVEN[name][option])[1].replace(first, f"{first}x")
-    said = check(capsys, name, "--sim", "--set", f"{option}={wrong}", code=2)[1]
-    assert f"--set {option}: no element is called '{first}x'. Did you mean '{first}'? Known: " in said
-    assert "Traceback" not in said
+    output = check(capsys, name, "--sim", "--set", f"{option}={wrong}", code=2)[1]
+    assert f"--set {option}: no element is called '{first}x'. Did you mean '{first}'? Known: " in output
+    assert "Traceback" not in output
 
 
 def test_srl_check_prints_lists_as_pairs(capsys: Capture) -> None:
@@ -77,9 +77,9 @@ def test_srl_check_prints_lists_as_pairs(capsys: Capture) -> None:
 
 
 def test_a_list_in_an_order_of_nobodys_is_refused(capsys: Capture) -> None:
-    said = check(capsys, "moca-man", "--set", "devices.arm.load.inertia=[1,2,3,4,5,6]", code=2)[1]
-    assert "devices.arm.load.inertia: a list goes by place" in said
-    assert "Name them: {xx: 1, yy: 2, zz: 3, xy: 4, xz: 5, yz: 6}" in said
+    output = check(capsys, "moca-man", "--set", "devices.arm.load.inertia=[1,2,3,4,5,6]", code=2)[1]
+    assert "devices.arm.load.inertia: a list goes by place" in output
+    assert "Name them: {xx: 1, yy: 2, zz: 3, xy: 4, xz: 5, yz: 6}" in output
 
 
 def test_limits_of_a_finger_are_given_by_name() -> None:

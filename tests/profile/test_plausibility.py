@@ -13,12 +13,12 @@ from srl.control.ikns import record
 from srl.runtime.cli import main
 from srl.runtime.contracts.errors import ProfileError, WiringError
 from srl.runtime.models import models
-from srl.runtime.profile import profile, shelf, wiring
+from srl.runtime.profile import library, profile, wiring
 
 
-@pytest.mark.parametrize("name", shelf.shipped())
+@pytest.mark.parametrize("name", library.shipped())
 def test_shipped_profiles_raise_no_doubts(name: str) -> None:
-    assert wiring.build(*profile.load(name), []).doubts == []
+    assert wiring.build(*profile.load(name), []).warnings == []
 
 
 @pytest.mark.parametrize(
@@ -51,14 +51,14 @@ def test_shipped_profiles_raise_no_doubts(name: str) -> None:
     ],
 )
 def test_another_unit_is_doubted_at_its_place(change: str, place: str, text: str) -> None:
-    (doubt,) = wiring.build(*profile.load("moca-man", [change]), []).doubts
+    (doubt,) = wiring.build(*profile.load("moca-man", [change]), []).warnings
     assert place in doubt
     assert text in doubt
 
 
 def test_angles_of_servos_and_limits_are_doubted_too() -> None:
     set_ = ["devices.finger.servos.abduction.upper=90", "guard.finger.position_command.lower={abduction: -60}"]
-    found = wiring.build(*profile.load("finger-jog", set_), []).doubts
+    found = wiring.build(*profile.load("finger-jog", set_), []).warnings
     assert "devices.finger.servos.abduction.upper: 90 rad" in found[0]
     assert "guard.finger.position_command.lower.abduction: -60 rad" in found[1]
 
@@ -70,7 +70,7 @@ def test_where_a_real_device_moves_they_are_refused_unless_they_are_meant() -> N
         wiring.build(*profile.load("finger-jog", set_))
     with pytest.raises(WiringError, match=f"{lower}.abduction: -60 rad"):
         wiring.build(*profile.load("finger-jog", [*set_, f"meant=[{upper}]"]))
-    assert not wiring.build(*profile.load("finger-jog", [*set_, f"meant=[{upper}, {lower}]"])).doubts
+    assert not wiring.build(*profile.load("finger-jog", [*set_, f"meant=[{upper}, {lower}]"])).warnings
 
 
 @pytest.mark.parametrize(
@@ -86,14 +86,14 @@ def test_a_window_and_a_speed_in_degrees_are_refused_where_a_real_device_moves(s
 
 
 def test_a_bases_speed_in_millimetres_is_doubted() -> None:
-    (doubt,) = wiring.build(*profile.load("base-jog", ["guard.base.twist_command.velocity=300"]), []).doubts
+    (doubt,) = wiring.build(*profile.load("base-jog", ["guard.base.twist_command.velocity=300"]), []).warnings
     assert "300 m/s is faster than any limb" in doubt
 
 
 @pytest.mark.parametrize("place", ["nonsense.place", "guard", "guard.finger.position_command"])
 def test_what_is_meant_is_a_number_that_is_in_doubt(place: str) -> None:
     set_ = ["guard.finger.position_command.upper={abduction: 90}", f"meant=[{place}]"]
-    found = wiring.build(*profile.load("finger-jog", set_), []).doubts
+    found = wiring.build(*profile.load("finger-jog", set_), []).warnings
     assert any(f"{place}: there is no number in doubt" in text for text in found)
     assert any("90 rad" in text for text in found), "and it hides nothing"
 
@@ -111,33 +111,33 @@ def test_a_reaction_that_is_none_names_all_that_there_are() -> None:
 
 def test_a_turn_both_ways_is_a_joints_range() -> None:
     limits = "guard.arm.velocity_command.lower=[-6.2832,-6.2832,-6.2832,-6.2832,-6.2832,-6.2832]"
-    assert wiring.build(*profile.load("ur-jog", [limits])).doubts == []
+    assert wiring.build(*profile.load("ur-jog", [limits])).warnings == []
 
 
 @pytest.mark.slow
 def test_srl_check_says_so_and_a_run_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     change = "frames.arm.rpy=[0,0,90]"
     assert main(["check", "moca-man", "--sim", "--set", change]) == 0
-    assert "doubted:" in capsys.readouterr().out
+    assert "warning:" in capsys.readouterr().out
     assert main(["check", "moca-man", "--sim", "--json", "--set", change]) == 0
-    assert "14.3 turns" in json.loads(capsys.readouterr().out)["doubts"][0]
+    assert "14.3 turns" in json.loads(capsys.readouterr().out)["warnings"][0]
     change = "frames.finger.position=[0, -20, -30]"
     run = call(tmp_path, "run", "sixth-finger", "--sim", "--fast", "--duration", "0.05", "--set", change, code=None)
-    assert "doubted: " in run.stderr
+    assert "warning: " in run.stderr
 
 
 def test_the_simulated_wearers_calibration_is_doubted_where_a_person_is_seen() -> None:
-    (doubt,) = wiring.build(*profile.load("ikns-finger")).doubts
+    (doubt,) = wiring.build(*profile.load("ikns-finger")).warnings
     assert "controllers.1.calibration: it was made in simulation, and 'mocap' is real" in doubt
-    assert wiring.build(*profile.load("ikns-finger"), ["mocap"]).doubts == []  # a real finger may follow it
-    assert wiring.build(*profile.load("ikns-finger", ["input=gamepad"])).doubts == []
+    assert wiring.build(*profile.load("ikns-finger"), ["mocap"]).warnings == []  # a real finger may follow it
+    assert wiring.build(*profile.load("ikns-finger", ["input=gamepad"])).warnings == []
 
 
 def test_a_persons_own_calibration_isnt_doubted(tmp_path: Path) -> None:
     made = record.read(ROOT / "profiles/ikns-finger.calibration.json")
     record.write(tmp_path / "p07.json", made.model_copy(update={"person": "P07", "simulated": False}))
     own = f"controllers.1.calibration={tmp_path / 'p07.json'}"
-    assert wiring.build(*profile.load("ikns-finger", [own])).doubts == []
+    assert wiring.build(*profile.load("ikns-finger", [own])).warnings == []
 
 
 def test_a_calibration_by_another_body_is_doubted(tmp_path: Path) -> None:
@@ -146,19 +146,19 @@ def test_a_calibration_by_another_body_is_doubted(tmp_path: Path) -> None:
     made = record.read(ROOT / "profiles/ikns-finger.calibration.json")
     record.write(tmp_path / "p07.json", made.model_copy(update={"simulated": False, "bodies": bodies}))
     own = f"controllers.1.calibration={tmp_path / 'p07.json'}"
-    assert wiring.build(*profile.load("ikns-finger", [own])).doubts == []
-    (doubt,) = wiring.build(*profile.load("ikns-finger", [own, "models.body.stature=1.8"])).doubts
+    assert wiring.build(*profile.load("ikns-finger", [own])).warnings == []
+    (doubt,) = wiring.build(*profile.load("ikns-finger", [own, "models.body.stature=1.8"])).warnings
     assert "controllers.1.calibration: it was made with another body than `models:` has now" in doubt
 
 
 def test_a_worn_arm_that_nothing_keeps_clear_is_doubted() -> None:
-    (doubt,) = wiring.build(*profile.load("human-srl", ["guard.arm.position_command.clear=null"]), []).doubts
+    (doubt,) = wiring.build(*profile.load("human-srl", ["guard.arm.position_command.clear=null"]), []).warnings
     assert "guard.arm.position_command: nothing keeps this arm clear of its wearer" in doubt
 
 
 def test_a_rate_at_which_an_impedance_drives_what_it_touches_is_doubted_and_the_one_that_is_told_is_enough() -> None:
-    (doubt,) = wiring.build(*profile.load("worn-arm", ["rate=250"])).doubts
+    (doubt,) = wiring.build(*profile.load("worn-arm", ["rate=250"])).warnings
     assert "controllers.1.stiffness: at 250 Hz its torques are too late to damp" in doubt
-    told = int(doubt.split("Raise 'rate' to ")[1].split(" Hz")[0])
-    assert 250 < told <= 500
-    assert wiring.build(*profile.load("worn-arm", [f"rate={told}"])).doubts == []
+    reported = int(doubt.split("Raise 'rate' to ")[1].split(" Hz")[0])
+    assert 250 < reported <= 500
+    assert wiring.build(*profile.load("worn-arm", [f"rate={reported}"])).warnings == []

@@ -13,10 +13,10 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from srl.runtime.contracts.errors import RecordingError, WiringError
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import Cause, State
 from srl.runtime.pictures import figure
-from srl.runtime.pictures.eye import look
+from srl.runtime.pictures.camera import look
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.plots import Plot, command_plots, joint_plots, series_names
 from srl.runtime.recording.reader import Recording
@@ -128,7 +128,7 @@ def test_the_picture_shows_commands_plots_states_and_timing(tmp_path: Path, monk
     layout, rows = measured_layout()
     rows[2500:, layout.int_names.index("state")] = State.STOPPED
     rows[2500:, layout.int_names.index("cause")] = Cause.INTENT_LOSS
-    rows[2500:, layout.int_names.index("culprit")] = 0
+    rows[2500:, layout.int_names.index("fault_source")] = 0
     shown: list[Any] = []
     monkeypatch.setattr(figure.plt, "close", shown.append)
     figure.draw(Recording(Path("x.rrd"), layout, np.arange(1, 3001), rows, [(10, 12)], [], 0), tmp_path / "x.png")
@@ -149,7 +149,7 @@ def test_the_picture_shows_commands_plots_states_and_timing(tmp_path: Path, monk
 BOUNDS = {"lower": [-0.3], "upper": [0.2], "velocity": [0.4], "acceleration": [0.1], "effort": [0.5]}
 
 
-@pytest.mark.parametrize("told", [True, False])  # recordings of earlier versions don't say what a command commands
+@pytest.mark.parametrize("reported", [True, False])  # recordings of earlier versions don't say what a command commands
 @pytest.mark.parametrize(
     ("kind", "unit", "expected"),
     [
@@ -162,11 +162,13 @@ BOUNDS = {"lower": [-0.3], "upper": [0.2], "velocity": [0.4], "acceleration": [0
     ],
 )
 def test_a_command_has_the_limits_of_its_own_quantity(
-    kind: str, unit: str, expected: set[float], told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, unit: str, expected: set[float], reported: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     layout = Layout()
     layout.add("arm.command", "command", (1,), unit, labels=("joint",))
-    layout.meta = {"limits": {"arm.command": BOUNDS}} | ({"commands": {"arm.command": {"kind": kind}}} if told else {})
+    layout.meta = {"limits": {"arm.command": BOUNDS}} | (
+        {"commands": {"arm.command": {"kind": kind}}} if reported else {}
+    )
     rows = np.zeros((100, layout.width), np.int64)
     rows[:, layout.int_names.index("now")] = np.arange(100) * 1_000_000
     rows[:, layout.ints] = np.linspace(-1.0, 1.0, 100).view(np.int64)

@@ -63,7 +63,7 @@ def test_srl_check_prints_what_goes_by_name_and_what_nothing_takes(
     turned = tmp_path / "turned.yaml"
     turned.write_text(text)
     assert main(["check", str(turned)]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for line in (
         r"panel.buttons +-> keys.buttons +4 1, by name",
         r"    panel.buttons\[A\] +-> keys.buttons\[A\]",
@@ -71,7 +71,7 @@ def test_srl_check_prints_what_goes_by_name_and_what_nothing_takes(
         r"    lower: joint1 -2.847, joint2 -1.712, ",
         r"    velocity: vx 0.6, vy 0.5, wz 0.7",
     ):
-        assert re.search(line, said), f"{line} isn't in {said}"
+        assert re.search(line, output), f"{line} isn't in {output}"
     assert main(["check", str(turned), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     wires = {wire["end"]: wire for wire in found["wiring"]}

@@ -31,9 +31,9 @@ def skeleton(right: str, left: str) -> str:
     return f"{{use: skeleton, in: {{{SUIT}, right: {right}.position, left: {left}.position}}}}"
 
 
-def doubts(*changes: str) -> list[str]:
+def warnings(*changes: str) -> list[str]:
     frames = FRAMES if any(change.startswith("controllers=") for change in changes) else ()
-    return wiring.build(*profile.load("human-srl-two", [*changes, *frames, "record={}"]), []).doubts
+    return wiring.build(*profile.load("human-srl-two", [*changes, *frames, "record={}"]), []).warnings
 
 
 @pytest.mark.parametrize(
@@ -47,13 +47,13 @@ def doubts(*changes: str) -> list[str]:
 )
 def test_a_law_and_a_clearance_that_take_a_device_for_different_arms_are_refused(changes: list[str], law: str) -> None:
     with pytest.raises(WiringError, match=f"arm here, and the (left|right) one in the law '{law}'"):
-        doubts(*changes)
+        warnings(*changes)
 
 
 def test_a_law_may_read_the_other_arm_too_if_it_commands_its_own() -> None:
-    assert doubts(laws(collision("left"), skeleton("right", "left"))) == []
+    assert warnings(laws(collision("left"), skeleton("right", "left"))) == []
 
 
 def test_an_arm_that_exists_and_has_no_clearance_is_doubted_where_both_are_named() -> None:
-    found = doubts(f"{LEFT}=null", laws())
+    found = warnings(f"{LEFT}=null", laws())
     assert any(f"{RIGHT}: the left arm has no clearance of its own" in doubt for doubt in found)

@@ -26,14 +26,14 @@ AT_ONCE = 1e9  # rows/s
 
 
 @pytest.fixture
-def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def output(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What the recorders say."""
     lines: list[str] = []
     monkeypatch.setattr(base, "say", lines.append)
     return lines
 
 
-def test_rows_that_were_lost_stay_lost_when_the_recorder_is_started_again(tmp_path: Path, said: list[str]) -> None:
+def test_rows_that_were_lost_stay_lost_when_the_recorder_is_started_again(tmp_path: Path, output: list[str]) -> None:
     layout = make_layout(extra=4)
     run, ring, events = make_run(tmp_path / "run", layout, capacity=256)
     out = tmp_path / "out.rrd"
@@ -42,7 +42,7 @@ def test_rows_that_were_lost_stay_lost_when_the_recorder_is_started_again(tmp_pa
     codes = [Recorder(run, out).run() for _ in range(ATTEMPTS)]
     assert np.array_equal(read(out).rows, expected(layout, 600)[344:])
     assert codes == [base.FINAL] * ATTEMPTS
-    assert any("344" in line for line in said)
+    assert any("344" in line for line in output)
 
 
 def test_a_recording_without_a_gap_is_still_complete_when_the_recorder_is_started_again(tmp_path: Path) -> None:
@@ -56,7 +56,7 @@ def test_a_recording_without_a_gap_is_still_complete_when_the_recorder_is_starte
 @pytest.mark.parametrize("deleted", ["folder", "files", "moved", "oldest"])
 @pytest.mark.parametrize("merged", [False, True])
 def test_what_is_deleted_during_the_run_is_written_again(
-    tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch, deleted: str, merged: bool
+    tmp_path: Path, output: list[str], monkeypatch: pytest.MonkeyPatch, deleted: str, merged: bool
 ) -> None:
     monkeypatch.setattr(base, "RETRY", 0.01)
     monkeypatch.setattr(segments, "FIRST", 0.0)  # each batch is a segment of its own
@@ -95,7 +95,7 @@ def test_what_is_deleted_during_the_run_is_written_again(
 
 @pytest.mark.parametrize("kind", ["file", "folder"])
 def test_what_appears_where_the_recording_is_to_be_is_left_alone_and_named(
-    tmp_path: Path, kind: str, said: list[str]
+    tmp_path: Path, kind: str, output: list[str]
 ) -> None:
     layout = make_layout(extra=4)
     run, ring, events = make_run(tmp_path / "run", layout)
@@ -110,7 +110,7 @@ def test_what_appears_where_the_recording_is_to_be_is_left_alone_and_named(
     codes = [recorder.run(), *(Recorder(run, out).run() for _ in range(ATTEMPTS))]
     assert codes == [base.FINAL] * (1 + ATTEMPTS)
     assert out.is_dir() if kind == "folder" else out.read_text() == "precious"
-    assert str(out) in said[-1]
+    assert str(out) in output[-1]
     kept = read(folder_of(out))
     assert np.array_equal(kept.rows, expected(layout, 600))
     assert [event.text for event in kept.events] == ["row 500: Grüße"]

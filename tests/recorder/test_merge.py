@@ -94,9 +94,9 @@ def test_events_are_read_as_they_are_called_now_and_as_they_were_in_0_1_0(
 ) -> None:
     monkeypatch.setattr(stream, "EVENTS", names[0])
     monkeypatch.setattr(stream, "EVENT", names[1])
-    said = [Event(5, Level.INFO, 1, "ready"), Event(7, Level.WARNING, 3, "stopped")]
-    make_segments(tmp_path / "seg", make_layout(), 10, events=said)
-    assert read(tmp_path / "seg").events == said
+    output = [Event(5, Level.INFO, 1, "ready"), Event(7, Level.WARNING, 3, "stopped")]
+    make_segments(tmp_path / "seg", make_layout(), 10, events=output)
+    assert read(tmp_path / "seg").events == output
 
 
 def test_a_black_box_is_read(tmp_path: Path) -> None:
@@ -184,8 +184,8 @@ def test_at_the_end_nothing_is_packed_and_a_merge_under_way_gives_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, layout = tmp_path / "out.rrd", make_layout(extra=3)
-    said = [Event(5, Level.INFO, 1, "ready")]
-    prologue = make_segments(folder_of(out), layout, 300, events=said)
+    output = [Event(5, Level.INFO, 1, "ready")]
+    prologue = make_segments(folder_of(out), layout, 300, events=output)
     (segment,) = numbered(folder_of(out))
     merging = Merger(out, (tmp_path / "layout.json").read_text(), prologue)
     pack = Stream.pack
@@ -201,7 +201,7 @@ def test_at_the_end_nothing_is_packed_and_a_merge_under_way_gives_way(
     merging.finish()
     found = read(out)
     assert np.array_equal(found.rows, expected(layout, 300))
-    assert (found.events, found.missing, found.salvaged) == (said, [], 0)
+    assert (found.events, found.missing, found.salvaged) == (output, [], 0)
     shown = [chunk.entity_path for chunk in rr.chunk.RrdReader(out).stream()]
     assert shown.count("/glove/position") == 2, "its names, and its numbers once"
 

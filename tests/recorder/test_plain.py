@@ -176,14 +176,14 @@ def test_a_finished_one_is_deleted_by_retention(tmp_path: Path) -> None:
     folder = recorded(tmp_path)
     last = listed(folder)[-1]
     content = last.read_bytes()
-    said: list[str] = []
+    output: list[str] = []
     last.write_bytes(content[:-1])
-    assert make_room(tmp_path, Keep.of({"gigabytes": 1e-9}), (), said.append) != ""
+    assert make_room(tmp_path, Keep.of({"gigabytes": 1e-9}), (), output.append) != ""
     assert folder.exists()  # unfinished
     last.write_bytes(content)
-    assert make_room(tmp_path, Keep.of({"gigabytes": 1e-9}), (), said.append) == ""
+    assert make_room(tmp_path, Keep.of({"gigabytes": 1e-9}), (), output.append) == ""
     assert not folder.exists()
-    assert "was deleted" in said[-1]
+    assert "was deleted" in output[-1]
 
 
 @pytest.mark.parametrize(

@@ -95,9 +95,9 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
 
 
 def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[str] = []
-    monkeypatch.setattr(base, "say", said.append)
-    monkeypatch.setattr(base, "PATIENCE", float("inf"))
+    output: list[str] = []
+    monkeypatch.setattr(base, "say", output.append)
+    monkeypatch.setattr(base, "TIMEOUT", float("inf"))
     layout = make_layout()
     run, ring, events = make_run(tmp_path / "run", layout)
     # No process of its own: on a busy machine its start alone takes long.
@@ -109,7 +109,7 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path, monkeypatch
             write_run(run, ring, events, layout, 500, 2500.0)
             until(lambda: ring.consumed == 500)
             write_run(run, ring, events, layout, 2000, 2500.0, first=501)  # more than there is room for
-            until(lambda: said)
+            until(lambda: output)
             assert 0 < ring.consumed < 2500
             assert not recording.done()
             before = read(folder_of(out))
@@ -119,8 +119,8 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path, monkeypatch
             until(lambda: ring.consumed == 2500)
             ring.finish()
             assert recording.result(60) == 0
-            assert ["No space left" in line for line in said if "can't write" in line] == [True], "it is said once"
-            assert [line for line in said if "recording again" in line]
+            assert ["No space left" in line for line in output if "can't write" in line] == [True], "it is said once"
+            assert [line for line in output if "recording again" in line]
             assert np.array_equal(read(out).rows, expected(layout, 2500))
             assert not folder_of(out).exists()
         finally:

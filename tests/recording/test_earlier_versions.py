@@ -175,7 +175,7 @@ sim: {{world: cell, parts: {{thing: {{part: box, size: [1, 1, 1]}}}}}}
 def test_it_is_not_replayed_but_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _augmented_hand(tmp_path)
     assert main(["replay", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert len(said.strip().splitlines()) == 1
+    output = capsys.readouterr().err
+    assert len(output.strip().splitlines()) == 1
     for words in (str(tmp_path), "sim.world", "'augmented-hand' is made of parts now", "Use srl-runtime"):
-        assert words in said
+        assert words in output

@@ -16,8 +16,8 @@ from helpers.segments import make_segments
 from srl.runtime.cli import main
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.files import encoded
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import Cause, State
 from srl.runtime.recorder.stream import Stream
 from srl.runtime.recording import index
 from srl.runtime.recording.summary import Summary, persons, summarize
@@ -36,7 +36,7 @@ def save(path: Path, person: str = "", cause: Cause = Cause.END, rows: int = 50,
     word("cause", slice(None), Cause.NONE)
     word("state", slice(30, None), State.STOPPED)
     word("cause", slice(30, None), cause)
-    word("culprit", slice(30, None), 1)
+    word("fault_source", slice(30, None), 1)
     word("state", slice(45, None), State.ENDED)
     if cause is not Cause.END:
         word("cause", slice(45, None), Cause.END)
@@ -143,9 +143,9 @@ def test_a_damaged_index_is_made_anew(folder: Path, damage: str) -> None:
 
 def test_without_a_place_for_the_index_every_recording_is_read(folder: Path) -> None:
     (folder / index.NAME).mkdir()  # nobody may write here, not even root
-    said: list[str] = []
-    assert len(index.entries(folder, report=said.append)) == 3
-    assert "every recording is read" in said[0]
+    output: list[str] = []
+    assert len(index.entries(folder, report=output.append)) == 3
+    assert "every recording is read" in output[0]
 
 
 def test_damaged_recordings_are_listed_with_what_is_wrong(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,9 +161,9 @@ def test_damaged_recordings_are_listed_with_what_is_wrong(folder: Path, capsys: 
     make_segments(folder / "run.rrd.segments", make_layout(), 100)
     found = listed(folder, "--damaged", capsys=capsys)
     assert found.keys() == {"torn.rrd", "cut.rrd", "text.rrd", "empty.rrd", "flipped.rrd", "run.rrd.segments"}
-    for name, told in found.items():
-        assert told["problem"], name
-        assert told["remedy"], name
+    for name, reported in found.items():
+        assert reported["problem"], name
+        assert reported["remedy"], name
     assert "isn't a rerun recording" in str(found["text.rrd"]["problem"])
     assert "hasn't finished" in str(found["run.rrd.segments"]["problem"])
     assert found["run.rrd.segments"]["rows"] == 100
@@ -245,7 +245,7 @@ def test_two_recordings_are_not_exported_to_one_file(folder: Path, capsys: pytes
     make_segments(folder / "a.rrd.segments", make_layout(), 100)
     assert main(["recordings", str(folder), "--export", "parquet", "--json"]) == 1
     out, err = capsys.readouterr()
-    files = [file for told in json.loads(out)["exported"] for file in told["files"]]
+    files = [file for reported in json.loads(out)["exported"] for file in reported["files"]]
     assert len(files) == len(set(files)) == 3
     assert "would be lost" in err
 

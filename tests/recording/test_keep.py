@@ -94,16 +94,16 @@ def test_the_oldest_make_room_and_what_must_stay_stays(tmp_path: Path, save: Sav
     mine = save("2.rrd", 4, "P07").stat().st_size
     save("3.rrd", 3)
     full = keep._files(tmp_path)
-    said: list[str] = []
+    output: list[str] = []
     room = Keep(bytes=sum(file.size for file in full) - size - mine)
     with open(opened, "rb"):
-        assert make_room(tmp_path, room, ("P07",), said.append) == ""
+        assert make_room(tmp_path, room, ("P07",), output.append) == ""
     assert set(names(tmp_path)) - set(stays) == {"3.rrd"}
     assert set(names(tmp_path)) >= set(stays)
     assert ledger(tmp_path) == ["opened.rrd", "opened.rrd", "1.rrd", "2.rrd"], "what stays is said, too"
-    assert "opened.rrd stays" in said[0]
-    assert "has it open" in said[0]
-    assert len(said) == 3
+    assert "opened.rrd stays" in output[0]
+    assert "has it open" in output[0]
+    assert len(output) == 3
 
 
 def test_pictures_and_exports_go_with_their_recording_and_nothing_else_does(tmp_path: Path, save: Save) -> None:
@@ -117,11 +117,11 @@ def test_pictures_and_exports_go_with_their_recording_and_nothing_else_does(tmp_
     (tmp_path / "old.gif").symlink_to(tmp_path / "older.png")
     (tmp_path / "old.c3d").write_bytes(b"what the cameras of the lab saw in the same trial")
     os.utime(tmp_path / "old.c3d", ns=((tmp_path / "old.rrd").stat().st_mtime_ns - 1,) * 2)
-    said: list[str] = []
-    make_room(tmp_path, Keep(days=30.0), (), said.append)
+    output: list[str] = []
+    make_room(tmp_path, Keep(days=30.0), (), output.append)
     stays = ["old.c3d", "old.gif", "old.mcap", "old.pdf", "old.svg", "old.yaml", "older.png"]
     assert names(tmp_path) == stays
-    assert "old.rrd was deleted with old.png, old.jpg, old.parquet" in said[0]
+    assert "old.rrd was deleted with old.png, old.jpg, old.parquet" in output[0]
     assert json.loads((tmp_path / LEDGER).read_text())["with"] == ["old.png", "old.jpg", "old.parquet"]
 
 
@@ -146,13 +146,13 @@ def test_by_age_only_with_a_clock_that_is_kept_right(
     save("old.rrd", 31)
     save("young.rrd", 29)
     save("tomorrow.rrd", -400)  # the clock was set back since
-    said: list[str] = []
+    output: list[str] = []
     monkeypatch.setattr(keep, "clock_is_kept", lambda: False)
-    make_room(tmp_path, Keep(days=30.0), (), said.append)
-    assert "clock" in said[0]
+    make_room(tmp_path, Keep(days=30.0), (), output.append)
+    assert "clock" in output[0]
     assert len(names(tmp_path)) == 3
     monkeypatch.setattr(keep, "clock_is_kept", lambda: True)
-    make_room(tmp_path, Keep(days=30.0), (), said.append)
+    make_room(tmp_path, Keep(days=30.0), (), output.append)
     assert names(tmp_path) == ["tomorrow.rrd", "young.rrd"]
 
 
@@ -216,9 +216,9 @@ def test_a_running_recorder_makes_room_and_never_of_its_own(
     ring.finish()
     assert recorder.run() == 0
     assert names(tmp_path / "data") == ["another.rrd", "out.rrd"]
-    said = capfd.readouterr().err
-    assert "mine.rrd was deleted" in said
-    assert "this run is recorded all the same" in said
+    output = capfd.readouterr().err
+    assert "mine.rrd was deleted" in output
+    assert "this run is recorded all the same" in output
     notes = [loop.take(), loop.take()]
     assert [note.content["ask"] for note in notes if note] == ["note", "note"]
     assert "mine.rrd was deleted" in notes[0].content["text"]
@@ -251,9 +251,9 @@ def test_many_deletions_at_once_are_few_events_and_nothing_is_said_each_minute(
     assert "clock" in notes[0]
     assert "0.rrd was deleted" in notes[1]
     assert notes[-1].startswith("and 6 more")
-    said = capfd.readouterr().err
-    assert said.count("was deleted") == 9
-    assert said.count("clock") == 1
+    output = capfd.readouterr().err
+    assert output.count("was deleted") == 9
+    assert output.count("clock") == 1
     loop.close()
 
 
@@ -273,8 +273,8 @@ def test_on_a_disk_that_is_full_to_the_last_byte_the_oldest_make_room(tmp_path: 
             while others.write(bytes(512)):
                 pass
         assert os.statvfs(disk).f_bavail == 0
-        said: list[str] = []
-        make_room(disk, Keep(days=30.0), (), said.append)
+        output: list[str] = []
+        make_room(disk, Keep(days=30.0), (), output.append)
         assert names(disk) == ["new.rrd", "others"]
         assert ledger(disk) == ["old.rrd"]
-        assert "was deleted" in said[0]
+        assert "was deleted" in output[0]

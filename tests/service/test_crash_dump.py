@@ -17,7 +17,7 @@ from srl.runtime.ipc.launch import Launch
 from srl.runtime.ipc.ring import RingReader, RingWriter
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.recording.reader import read
-from srl.runtime.service.evidence import rescue, save
+from srl.runtime.service.crash_dump import rescue, save
 
 
 @pytest.fixture
@@ -37,11 +37,11 @@ def boxes(folder: Path) -> list[Path]:
 
 def test_rows_that_nobody_saved_are_saved(left: tuple[RunFolder, RingWriter], tmp_path: Path) -> None:
     run, _ = left
-    said: list[str] = []
-    rescue(run, tmp_path / "state", said.append)
+    output: list[str] = []
+    rescue(run, tmp_path / "state", output.append)
     (box,) = boxes(tmp_path / "state")
     assert np.array_equal(read(box).rows, make_rows(make_layout(), 3))
-    assert said == [f"the run before didn't end properly; its last rows are in {box}"]
+    assert output == [f"the run before didn't end properly; its last rows are in {box}"]
     assert {path.stat().st_mode & 0o777 for path in box.iterdir()} == {0o600}
 
 
@@ -65,9 +65,9 @@ def test_rows_that_are_missing_in_the_recording_are_saved(left: tuple[RunFolder,
     ring.finish()
     with RingReader(run.rows, marks=True) as reader:
         reader.set_consumed(1)
-    said: list[str] = []
-    rescue(run, tmp_path / "state", said.append)
-    assert said[0].startswith("2 rows of the run before aren't in its recording")
+    output: list[str] = []
+    rescue(run, tmp_path / "state", output.append)
+    assert output[0].startswith("2 rows of the run before aren't in its recording")
 
 
 @pytest.mark.parametrize("saved", [True, False])
@@ -83,13 +83,13 @@ def test_a_dead_loops_rows_are_saved_once(left: tuple[RunFolder, RingWriter], tm
 def test_a_state_folder_that_cant_be_written(left: tuple[RunFolder, RingWriter], tmp_path: Path) -> None:
     run, _ = left
     (tmp_path / "state").touch()
-    said: list[str] = []
-    rescue(run, tmp_path / "state", said.append)
+    output: list[str] = []
+    rescue(run, tmp_path / "state", output.append)
     (box,) = boxes(run.path)
     assert len(read(box).rows) == 3
     assert not run.rows.exists()
-    assert "can't be saved" in said[0]
-    assert str(box) in said[0]
+    assert "can't be saved" in output[0]
+    assert str(box) in output[0]
 
 
 def test_what_can_neither_be_saved_nor_moved_stays_and_is_said(

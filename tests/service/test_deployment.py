@@ -26,7 +26,7 @@ from helpers import ROOT
 from helpers.run import Running, environment, srl
 
 from bench import bus_age
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.loop import realtime
 from srl.runtime.recording.reader import read
 from srl.runtime.service import supervisor
@@ -117,15 +117,15 @@ def test_the_unit_agrees_with_the_code() -> None:
 def test_the_unit_is_as_the_page_says_and_never_moves_a_limb_by_itself() -> None:
     page = (ROOT / "docs" / "deployment.md").read_text()
     (table,) = re.findall(r"^\| directive \| reason \|\n\|.*\n((?:\|.*\n)+)", page, re.MULTILINE)
-    said = 0
+    output = 0
     for line in table.splitlines():
         cell = line.split("|")[1].strip()
         for key, value in re.findall(r"`(\w+)(?:=([^`]*))?`", cell):
             found = values(key)
             assert bool(found) is not cell.startswith("not "), key
             assert not value or found == [value], key
-            said += 1
-    assert said > 15
+            output += 1
+    assert output > 15
     assert " --set start=manual $SRL_OPTIONS" in values("ExecStart")[0]
 
 

@@ -59,7 +59,7 @@ def test_a_run_that_has_just_begun_ends_in_order(tmp_path: Path, number: signal.
     folder = RunFolder(tmp_path / "run" / "sixth-finger")
     until(folder.is_claimed, pause=0.0)  # before it has started anything
     process.send_signal(number)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 0, said
-    assert "Traceback" not in said
+    _, output = process.communicate(timeout=60)
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
     assert not folder.is_claimed()

@@ -25,7 +25,7 @@ from helpers.run import call, environment, srl
 
 from srl.runtime import __version__
 from srl.runtime.bus import certificates
-from srl.runtime.bus.certificate_doubts import doubts
+from srl.runtime.bus.certificate_warnings import warnings
 from srl.runtime.bus.certificates import authority, sign
 from srl.runtime.cli import main
 from srl.runtime.contracts import compiled
@@ -112,11 +112,11 @@ SEEDED = {
 
 def expired(folder: Path, name: str, patch: pytest.MonkeyPatch) -> None:
     """Signs a certificate that was valid until yesterday."""
-    begun = certificates._begun
+    started = certificates._started
     now = datetime.datetime.now(datetime.UTC)
 
     def before(*given: Any) -> x509.CertificateBuilder:
-        made = begun(*given)
+        made = started(*given)
         made._not_valid_before = made._not_valid_after = None
         return made.not_valid_before(now - datetime.timedelta(9)).not_valid_after(now - datetime.timedelta(1))
 
@@ -165,14 +165,16 @@ def examined(folder: Path, host: dict[str, str], ports: list[tuple[str, int]]) -
         text = text.replace(name, path)
     (folder / "host.yaml").write_text(text)
     (folder / "recordings").mkdir(exist_ok=True)
-    told = environment(folder) | host | {"FOLDER": str(folder), "ROOT": str(ROOT), "KIND": kind}
-    told |= {"INTERPRETER": "/home/lab/python3" if host is ILL else "/bin/true", "SRL_RUNTIME_DIR": "/dev/shm/srl"}
+    reported = environment(folder) | host | {"FOLDER": str(folder), "ROOT": str(ROOT), "KIND": kind}
+    reported |= {"INTERPRETER": "/home/lab/python3" if host is ILL else "/bin/true", "SRL_RUNTIME_DIR": "/dev/shm/srl"}
     found = []
     held = os.open(paths[2], os.O_RDWR | os.O_NOCTTY) if host is ILL else -1
     for form in ("--json", None):
         words = srl("doctor", "host.yaml", "--recordings", str(folder / "recordings"), *filter(None, [form]))
         command = ["unshare", "-mn", "sh", "-c", SETUP, "sh", *words]
-        done = subprocess.run(command, env=told, cwd=folder, capture_output=True, text=True, timeout=200, check=False)
+        done = subprocess.run(
+            command, env=reported, cwd=folder, capture_output=True, text=True, timeout=200, check=False
+        )
         found.append(done)
         assert "Traceback" not in found[-1].stderr
         assert found[-1].stdout, found[-1].stderr
@@ -188,13 +190,13 @@ def test_each_of_what_was_seeded_is_found_with_what_to_type(
 ) -> None:
     authority(tmp_path)
     expired(tmp_path, "robot", monkeypatch)
-    code, findings, said = examined(tmp_path, ILL, ports)
+    code, findings, output = examined(tmp_path, ILL, ports)
     assert code == 1
     for what, (verdict, words, command) in SEEDED.items():
         finding = findings[what]
         assert (finding["verdict"], words in finding["found"], command in finding["command"]) == (verdict, True, True)
-        assert f"{what}: {finding['found'].split(' (')[0]}" in said
-        assert f"      $ {finding['command']}" in said
+        assert f"{what}: {finding['found'].split(' (')[0]}" in output
+        assert f"      $ {finding['command']}" in output
     assert f"({os.getpid()})" in findings["port of trunk"]["found"]
     shlex.split(" ".join(finding["command"] for finding in findings.values()))  # a shell takes them
 
@@ -216,9 +218,9 @@ def interface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     at.mkdir()
     for name, content in {"flags": "0x40041", "type": "280", "tx_queue_len": "1000"}.items():
         (at / name).write_text(content)
-    said = [{"linkinfo": {"info_data": {"state": "ERROR-ACTIVE", "bittiming": {"bitrate": 500000}}}}]
+    output = [{"linkinfo": {"info_data": {"state": "ERROR-ACTIVE", "bittiming": {"bitrate": 500000}}}}]
     program = tmp_path / "ip"
-    program.write_text(f"#!/bin/sh\necho {shlex.quote(json.dumps(said))}\n")
+    program.write_text(f"#!/bin/sh\necho {shlex.quote(json.dumps(output))}\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     return at
@@ -249,28 +251,28 @@ def test_keys_that_others_read_and_certificates_of_others_are_doubted(tmp_path: 
         sign(tmp_path / lab, "robot", ["localhost"], 300)
     ours, theirs = tmp_path / "ours", tmp_path / "theirs"
 
-    def said(ca: Path, certificate: Path, key: Path, days: int = 0) -> list[tuple[bool, str, str]]:
+    def output(ca: Path, certificate: Path, key: Path, days: int = 0) -> list[tuple[bool, str, str]]:
         tls = TlsConfig(ca=str(ca), certificate=str(certificate), key=str(key))
         at = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days)
-        return [(doubt.bad, doubt.problem, doubt.command) for doubt in doubts(tls, at)]
+        return [(doubt.bad, doubt.problem, doubt.command) for doubt in warnings(tls, at)]
 
     whole = (ours / "ca.pem", ours / "robot.pem", ours / "robot.key")
     anew = "srl keys FOLDER robot --host NAME"
-    assert said(*whole) == []
-    ((bad, problem, command),) = said(*whole, days=290)
+    assert output(*whole) == []
+    ((bad, problem, command),) = output(*whole, days=290)
     assert (bad, "robot.pem expires on" in problem, command) == (False, True, anew)
-    assert ["isn't valid before" in problem for _, problem, _ in said(*whole, days=-1)] == [True, True]
-    ((bad, problem, command),) = said(theirs / "ca.pem", *whole[1:])
+    assert ["isn't valid before" in problem for _, problem, _ in output(*whole, days=-1)] == [True, True]
+    ((bad, problem, command),) = output(theirs / "ca.pem", *whole[1:])
     assert (bad, "isn't signed by" in problem, command) == (True, True, anew)
-    ((bad, problem, command),) = said(*whole[:2], theirs / "robot.key")
+    ((bad, problem, command),) = output(*whole[:2], theirs / "robot.key")
     assert (bad, "isn't the certificate's key" in problem) == (True, True)
     whole[2].chmod(0o644)
-    ((bad, problem, command),) = said(*whole)
+    ((bad, problem, command),) = output(*whole)
     assert (bad, "mode 644" in problem, command) == (True, True, f"chmod 600 {whole[2]}")
     whole[2].chmod(0o640)  # the service's group
-    assert said(*whole) == []
+    assert output(*whole) == []
     whole[2].unlink()
-    assert "can't be read" in said(*whole)[0][1]
+    assert "can't be read" in output(*whole)[0][1]
 
 
 def test_c_of_another_version_is_not_used_and_is_found_with_how_to_build_it(

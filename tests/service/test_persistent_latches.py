@@ -14,10 +14,10 @@ from helpers.run import Running, call
 from helpers.wait import until
 
 from srl.runtime.contracts.errors import HostError
+from srl.runtime.ipc.header import CYCLE, Latch
 from srl.runtime.ipc.latches import NONE, names
 from srl.runtime.ipc.ring import RingReader, RingWriter
-from srl.runtime.ipc.words import CYCLE, Latch
-from srl.runtime.service.standing import Standing
+from srl.runtime.service.persistent_latches import PersistentLatches
 
 
 class Host:
@@ -25,12 +25,12 @@ class Host:
 
     def __init__(self, folder: Path) -> None:
         self.state, path = folder / "state", folder / "rows.ring"
-        self.said: list[str] = []
+        self.output: list[str] = []
         self.ring = RingWriter.create(path, len(CYCLE), 64)
         self.rows = RingReader(path)
 
-    def begin(self) -> Standing:
-        return Standing(self.state, self.said.append)
+    def begin(self) -> PersistentLatches:
+        return PersistentLatches(self.state, self.output.append)
 
     def row(self, latches: Latch) -> None:
         words = np.zeros(len(CYCLE), np.int64)
@@ -130,9 +130,9 @@ def test_a_damaged_file_counts_as_the_worst(host: Host, text: str) -> None:
     (host.state / "latches.json").write_text(text)
     run = host.begin()
     assert run.latches == Latch.PERSON | Latch.RESTART
-    assert len(host.said) == 1
-    assert "latches.json can't be read" in host.said[0]
-    assert "srl reset" in host.said[0]
+    assert len(host.output) == 1
+    assert "latches.json can't be read" in host.output[0]
+    assert "srl reset" in host.output[0]
     run.close(well=True)
     assert host.kept() == ["person", "restart"]
 
@@ -150,7 +150,7 @@ def test_the_mark_of_an_earlier_version_counts(host: Host) -> None:
 def test_a_state_folder_that_cant_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(HostError, match="can't be written"):
-        Standing(tmp_path / "file" / "state", print)
+        PersistentLatches(tmp_path / "file" / "state", print)
 
 
 def test_a_slow_disk_holds_up_nobody_and_the_newest_state_is_written_last(

@@ -118,7 +118,7 @@ def test_an_actuator_that_was_handed_over_just_before_the_death_is_stopped(loop:
     loop.run()
     until(lambda: loop.supervisor.step() and loop.supervisor.running)
     loop.slots.write(3, (b"stop",))
-    loop.supervisor._dying.seen = loop_handing_over(loop, theirs)  # type: ignore[method-assign]
+    loop.supervisor._exit.seen = loop_handing_over(loop, theirs)  # type: ignore[method-assign]
     assert not loop.supervisor.step()
     assert taken(ours) == b"stopstop"
 
@@ -141,13 +141,13 @@ def test_a_loop_without_a_sign_of_life_is_killed_and_the_limb_stopped(
     loop: LoopDouble, monkeypatch: pytest.MonkeyPatch, period: int, unpaced: bool, patience: int
 ) -> None:
     """After 100 ms and two periods, on a clock of the test's own: not a nanosecond before, and none later."""
-    begun = now = time.monotonic_ns()
+    started = now = time.monotonic_ns()
     monkeypatch.setattr(service.time, "monotonic_ns", lambda: now)
     ours, theirs = pipe()
     loop.hand_over(0, theirs, b"stop")
     loop.run(period=period, unpaced=unpaced)
     until(lambda: loop.supervisor.step() and loop.supervisor.running)
-    now = begun + patience
+    now = started + patience
     assert loop.supervisor.step()
     assert (alive(loop.process.pid), taken(ours)) == (True, b"")
     now += 1
@@ -158,8 +158,8 @@ def test_a_loop_without_a_sign_of_life_is_killed_and_the_limb_stopped(
     assert "no sign of life" in loop.supervisor.death.how
 
 
-@pytest.mark.parametrize(("name", "told"), [("bus", True), ("recorder", False)])
-def test_the_loop_is_told_of_the_buss_death_and_the_bus_comes_back(loop: LoopDouble, name: str, told: bool) -> None:
+@pytest.mark.parametrize(("name", "reported"), [("bus", True), ("recorder", False)])
+def test_the_loop_is_told_of_the_buss_death_and_the_bus_comes_back(loop: LoopDouble, name: str, reported: bool) -> None:
     """What it does then is for `faults.bus-loss` to say."""
     asked = ControlEnd(loop.run_folder.stop_socket)
     helper = Helper(name, ["sleep", "1000"])
@@ -172,7 +172,7 @@ def test_the_loop_is_told_of_the_buss_death_and_the_bus_comes_back(loop: LoopDou
     first.kill()
     until(lambda: loop.supervisor.step() and helper.process not in (None, first))
     datagram = asked.take()
-    assert (datagram and datagram.content) == ({"ask": "fault", "cause": "bus_loss"} if told else None)
+    assert (datagram and datagram.content) == ({"ask": "fault", "cause": "bus_loss"} if reported else None)
     asked.close()
     loop.supervisor.helpers.clear()
     helper.process.kill()
@@ -213,7 +213,7 @@ def test_a_device_that_takes_nothing_delays_no_other(loop: LoopDouble, monkeypat
     monkeypatch.setattr(select, "poll", lambda: before.append(taken(ours)) or poll())
     hang_up(loop)
     assert before[0] == b"halt", "before anything was waited for"
-    assert any("'servo 0' can't be reached for its stop: it took no bytes" in line for line in loop.said)
+    assert any("'servo 0' can't be reached for its stop: it took no bytes" in line for line in loop.output)
     os.close(full)
 
 
@@ -227,7 +227,7 @@ def test_a_device_that_has_gone_delays_no_other(loop: LoopDouble) -> None:
     until(lambda: loop.supervisor.step() and loop.supervisor.running)
     hang_up(loop)
     assert taken(ours) == b"halthalt"
-    assert loop.said == ["'servo 0' can't be reached for its stop: Broken pipe"]
+    assert loop.output == ["'servo 0' can't be reached for its stop: Broken pipe"]
 
 
 def test_a_device_that_hangs_up_after_its_stop_isnt_reported(loop: LoopDouble) -> None:
@@ -238,7 +238,7 @@ def test_a_device_that_hangs_up_after_its_stop_isnt_reported(loop: LoopDouble) -
     with open(ours, "rb") as end:
         loop.process.before_wait = end.close
         hang_up(loop)
-    assert loop.said == []
+    assert loop.output == []
 
 
 def test_the_box_is_written_from_memory(loop: LoopDouble) -> None:
@@ -262,7 +262,7 @@ def test_a_state_folder_that_cant_be_written_is_said(loop: LoopDouble) -> None:
     until(lambda: loop.supervisor.step() and loop.supervisor.running)
     hang_up(loop)
     assert taken(ours) == b"stopstop"
-    assert any("the black box can't be saved" in line for line in loop.said)
+    assert any("the black box can't be saved" in line for line in loop.output)
     loop.supervisor.finish()
     assert loop.ring.closed
     assert not loop.ring.settled  # so that the next start tries again
@@ -280,7 +280,7 @@ def test_an_actuator_is_taken_over_with_the_last_descriptor(loop: LoopDouble) ->
     try:
         use_up(filler)
         loop.hand_over(0, theirs, b"stop")
-        assert any("no descriptor can be kept" in line for line in loop.said)
+        assert any("no descriptor can be kept" in line for line in loop.output)
         os.close(filler.pop())
         assert loop.supervisor.step()
         loop.channel.send({"say": "lost", "slot": 5})

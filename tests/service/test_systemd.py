@@ -48,10 +48,10 @@ def typed(heading: str, number: int = 0) -> list[str]:
 
 def follow(machine: Machine, lines: list[str], wheel: str) -> None:
     """Types them one by one in the checkout. No udev daemon runs in a machine without hardware."""
-    for said in lines:
-        if "udevadm control" in said:
+    for output in lines:
+        if "udevadm control" in output:
             continue
-        line = said.replace("install .", f"install --quiet --no-deps --no-index /wheels/{wheel}/*.whl")
+        line = output.replace("install .", f"install --quiet --no-deps --no-index /wheels/{wheel}/*.whl")
         line = line.replace("srl@left", UNIT).replace("/etc/srl/left.yaml", NAME)
         machine.call(f"cd /checkout && {line}")
         if made := re.match(r"sudo python3 -m venv (\S+)", line):
@@ -111,8 +111,8 @@ def limb(machine: Machine) -> Machine:
 
 def show(machine: Machine) -> dict[str, Any]:
     """What `srl top` says of the instance; empty while it says nothing."""
-    said = machine.call(f"srl top {NAME} --once --json 2>/dev/null", code=None)
-    found: dict[str, Any] = json.loads(said) if said.startswith("{") else {"state": ""}
+    output = machine.call(f"srl top {NAME} --once --json 2>/dev/null", code=None)
+    found: dict[str, Any] = json.loads(output) if output.startswith("{") else {"state": ""}
     return found
 
 
@@ -123,13 +123,13 @@ def unit(machine: Machine, key: str) -> str:
 
 def pids(machine: Machine) -> dict[str, int]:
     """The service's processes by name, as the machine counts them."""
-    said = machine.call(
+    output = machine.call(
         f"for p in $(cat /sys/fs/cgroup/systemd/system.slice/system-srl.slice/{UNIT}.service/cgroup.procs"
         f" /sys/fs/cgroup/system.slice/system-srl.slice/{UNIT}.service/cgroup.procs 2>/dev/null);"
         " do echo $p $(tr '\\0' ' ' < /proc/$p/cmdline); done 2>/dev/null",
     )
     found = {}
-    for line in said.splitlines():
+    for line in output.splitlines():
         number, _, command = line.partition(" ")
         if not command:  # it ended meanwhile
             continue
@@ -140,8 +140,8 @@ def pids(machine: Machine) -> dict[str, int]:
 
 def entries(machine: Machine, *terms: str) -> list[dict[str, str]]:
     """The journal's entries of the unit."""
-    said = machine.call(f"journalctl --unit {UNIT} --output json --no-pager {' '.join(terms)}")
-    return [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+    output = machine.call(f"journalctl --unit {UNIT} --output json --no-pager {' '.join(terms)}")
+    return [json.loads(line) for line in output.splitlines() if line.startswith("{")]
 
 
 def test_it_starts_and_waits_for_a_person(machine: Machine) -> None:
@@ -175,8 +175,8 @@ def test_a_death_ends_in_a_start_into_the_stop(limb: Machine, line: str, cause: 
     until(lambda: (show(limb)["state"], show(limb)["cause"]) == ("stopped", "restart"), what="the stop")
     assert not set(before.values()) & set(pids(limb).values())
     if cause:
-        said = [entry["MESSAGE"] for entry in entries(limb, "--since=-60s", "--priority=err")]
-        assert any(cause in text for text in said), said
+        output = [entry["MESSAGE"] for entry in entries(limb, "--since=-60s", "--priority=err")]
+        assert any(cause in text for text in output), output
     if "{supervisor}" not in line:
         assert "blackbox" in limb.call(f"ls /var/lib/srl/{NAME}")
     limb.call(f"srl reset {NAME}")
@@ -206,8 +206,8 @@ def test_an_asked_end_is_no_failure(limb: Machine, line: str) -> None:
 def test_a_wrong_profile_is_not_tried_again(machine: Machine) -> None:
     machine.call("echo 'name: [' > /etc/srl/wrong.yaml; echo SRL_PROFILE=/etc/srl/wrong.yaml > /etc/srl/wrong.env")
     machine.call("systemctl start srl@wrong", code=1)
-    said = machine.call("systemctl show srl@wrong --property ExecMainStatus,NRestarts,ActiveState --value")
-    assert set(said.split()) == {"2", "0", "failed"}
+    output = machine.call("systemctl show srl@wrong --property ExecMainStatus,NRestarts,ActiveState --value")
+    assert set(output.split()) == {"2", "0", "failed"}
     assert "/etc/srl/wrong.yaml" in machine.call("journalctl --unit srl@wrong --no-pager")
 
 

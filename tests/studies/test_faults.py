@@ -18,8 +18,8 @@ from srl.runtime.contracts.signals import Command, Kind, Limits
 from srl.runtime.guard import GUARDS
 from srl.runtime.guard.base import CommandGuard
 from srl.runtime.guard.position import PositionGuard
+from srl.runtime.ipc.header import Origin, State
 from srl.runtime.ipc.requests import Request, RequestKind
-from srl.runtime.ipc.words import Origin, State
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.fault_finder import FaultFinder
 from srl.runtime.testing.faults import FAULTS
@@ -128,7 +128,7 @@ def test_a_broken_runtime_is_caught(
 def sent(
     values: list[float],
     left: list[int],
-    begun: list[int] | None = None,
+    started: list[int] | None = None,
     measured: Any = None,
     late: float = 0.0,
     led: bool = False,
@@ -138,7 +138,7 @@ def sent(
     time = np.arange(count) * 0.01
     time[-1] += late
     return Sent(
-        np.array(values)[:, None], np.isin(np.arange(count), left), np.array(begun or [0] * count),
+        np.array(values)[:, None], np.isin(np.arange(count), left), np.array(started or [0] * count),
         None if measured is None else np.array(measured)[:, None], np.full(count, led), time, 0.01,
     )  # fmt: skip
 
@@ -166,9 +166,9 @@ def test_a_step_counts_by_the_time_since_the_last_one_left() -> None:
 
 
 def test_after_a_reset_a_position_begins_where_it_is_measured() -> None:
-    values, begun, there = [0.0, 0.3, 0.3], [1, 2, 2], [0.0, 0.3, 0.3]
-    assert most(Kind.POSITION, sent(values, [0, 1, 2], begun, there)) < 1e-5
-    assert most(Kind.POSITION, sent(values, [0, 1, 2], begun, [0.0, 0.0, 0.0])) > 29
+    values, started, there = [0.0, 0.3, 0.3], [1, 2, 2], [0.0, 0.3, 0.3]
+    assert most(Kind.POSITION, sent(values, [0, 1, 2], started, there)) < 1e-5
+    assert most(Kind.POSITION, sent(values, [0, 1, 2], started, [0.0, 0.0, 0.0])) > 29
     assert most(Kind.POSITION, sent(values, [0, 1, 2], [1, 1, 1], there)) > 29
 
 
@@ -255,7 +255,7 @@ def test_a_supervisor_that_waits_too_long_is_caught(monkeypatch: pytest.MonkeyPa
 def row(device: str, fault: str, wrong: str = "", **more: Any) -> Row:
     given = {"profile": "sixth-finger", "choices": [], "device": device, "fault": fault}
     values = {
-        "entered": "stopped", "cause": "intent_loss", "culprit": device, "safe": 0.13, "due": 0.3, "step": 0.9,
+        "entered": "stopped", "cause": "intent_loss", "fault_source": device, "safe": 0.13, "due": 0.3, "step": 0.9,
         "where": "", "recorded": True, "cycles": 100, "wrong": wrong,
     } | more  # fmt: skip
     return Row("k", TrialTask("faults", "faults-device", 1, given, "sixth-finger"), "", "done", values, "", 0.1, "", {})

@@ -34,7 +34,7 @@ def cell_of(shape: str, size: float, seed: int = 0) -> GraspCell:
     return GraspCell(profile.find(PROFILE)[1], thing, thing.place(np.random.default_rng([seed, 1])))
 
 
-def begun(cell: GraspCell) -> Array:
+def started(cell: GraspCell) -> Array:
     begin = start(cell)
     assert begin is not None
     return begin
@@ -43,7 +43,7 @@ def begun(cell: GraspCell) -> Array:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_start_is_clear_of_the_object_and_within_the_joints(shape: str) -> None:
     cell = cell_of(shape, 0.08)
-    q = begun(cell)
+    q = started(cell)
     cell.pose(q)
     assert cell.apart().min() > CLEAR
     assert (cell.limits[:, 0] - 1e-9 <= q).all()
@@ -54,7 +54,7 @@ def test_the_start_is_clear_of_the_object_and_within_the_joints(shape: str) -> N
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_hand_closes_until_it_touches_and_not_into_the_object(shape: str, closing: str) -> None:
     cell = cell_of(shape, 0.08)
-    begin = begun(cell)
+    begin = started(cell)
     motion = MOTIONS[closing](cell, begin, FINGERS)
     assert (motion.postures >= RANGES[:, 0] - 1e-9).all()
     assert (motion.postures <= RANGES[:, 1] + 1e-9).all()
@@ -71,7 +71,7 @@ def test_a_hand_closes_until_it_touches_and_not_into_the_object(shape: str, clos
 
 def test_fingers_that_are_inactive_stay() -> None:
     cell = cell_of("sphere", 0.08)
-    begin = begun(cell)
+    begin = started(cell)
     motion = MOTIONS["curl"](cell, begin, PARTIAL)
     still = cell.digits["thumb"] + cell.digits["index"]
     assert (motion.postures[:, still] == begin[still]).all()
@@ -80,7 +80,7 @@ def test_fingers_that_are_inactive_stay() -> None:
 
 def test_contacts_are_where_the_sphere_is_and_one_a_link() -> None:
     cell, radius = cell_of("sphere", 0.08), 0.04
-    begin = begun(cell)
+    begin = started(cell)
     cell.pose(np.append(MOTIONS["curl"](cell, begin, FINGERS).postures[-1], begin[20:]))
     found = cell.contacts(FINGERS)
     distance = np.linalg.norm(found.points, axis=1)
@@ -92,7 +92,7 @@ def test_contacts_are_where_the_sphere_is_and_one_a_link() -> None:
 
 def test_contacts_of_a_turned_cube_are_in_its_own_axes() -> None:
     cell = cell_of("cube", 0.06, 2)
-    begin = begun(cell)
+    begin = started(cell)
     cell.pose(np.append(MOTIONS["converge"](cell, begin, FINGERS).postures[-1], begin[20:]))
     found = cell.contacts(FINGERS)
     assert np.abs(np.abs(found.points).max(axis=1) - 0.03).max() <= TOUCH
@@ -322,7 +322,7 @@ def test_two_fingers_close_and_keep_apart() -> None:
     place = thing.place(np.random.default_rng([0, 1]))
     changed = dict(isotropy._changes())["two fingers 40 mm apart"]
     cell = GraspCell(profile.find(PROFILE)[1], thing, place, changed)
-    begin = begun(cell)
+    begin = started(cell)
     motion = MOTIONS["converge"](cell, begin, FINGERS)
     path = follow(cell, "whole", begin, motion, motion.measured)
     for q in path[::5]:

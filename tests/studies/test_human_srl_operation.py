@@ -28,7 +28,7 @@ POSITIVE = st.lists(st.floats(0.0, 0.1), min_size=1, max_size=60)
 
 @given(POSITIVE)
 def test_on_a_path_that_never_waits_the_errors_figures_are_the_plain_ones(errors: list[float]) -> None:
-    mean, p95, most = Trial(errors=errors, progress=[0.01] * len(errors)).figures()
+    mean, p95, most = Trial(errors=errors, progress=[0.01] * len(errors)).metrics()
     assert mean == pytest.approx(1e3 * np.mean(errors), abs=1e-9)
     assert most == 1e3 * max(errors)
     assert p95 == pytest.approx(1e3 * np.quantile(errors, 0.95, method="inverted_cdf"))
@@ -37,9 +37,9 @@ def test_on_a_path_that_never_waits_the_errors_figures_are_the_plain_ones(errors
 def test_waiting_does_not_count_but_in_the_greatest() -> None:
     going = Trial(errors=[0.002, 0.004] * 50, progress=[0.01] * 100)
     waits = Trial(errors=[0.002, 0.004] * 50 + [0.03] * 900, progress=[0.01] * 100 + [0.0] * 900)
-    assert waits.figures()[:2] == pytest.approx(going.figures()[:2])
-    assert waits.figures()[2] == 30.0
-    assert all(math.isnan(v) for v in Trial(errors=[0.1], progress=[0.0]).figures())
+    assert waits.metrics()[:2] == pytest.approx(going.metrics()[:2])
+    assert waits.metrics()[2] == 30.0
+    assert all(math.isnan(v) for v in Trial(errors=[0.1], progress=[0.0]).metrics())
 
 
 def rows(change: Callable[[str, int], dict[str, object]] = lambda *_: {}) -> list[Row]:
@@ -92,7 +92,7 @@ def test_without_rows_nothing_is_measured_and_nothing_holds() -> None:
 @pytest.mark.slow
 def test_path_is_repeated_by_a_late_servo_within_some_millimetres_beside_a_wearer_who_stands_still() -> None:
     found = run(TEXT, AVERAGE, Case(still=True), 1)
-    mean, p95, most = found.figures()
+    mean, p95, most = found.metrics()
     assert found.done
     assert not found.contacts
     assert found.seconds < 8.0
@@ -108,7 +108,7 @@ def test_task_is_done_beside_a_moving_wearer_who_makes_it_wait() -> None:
     assert found.done
     assert found.seconds > 7.0
     assert not found.blamed
-    assert found.figures()[2] < 20.0
+    assert found.metrics()[2] < 20.0
 
 
 @pytest.mark.slow

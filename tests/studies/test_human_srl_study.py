@@ -234,7 +234,7 @@ def test_the_arm_runs_into_the_wearer_only_without_a_clearance() -> None:
     assert all(row["held"] == 0.0 for row in off)
     assert all(0.05 < row["held"] < 1.0 for row in on)
     times = [time for row in off for time in json.loads(row["times"])]
-    assert all(0.5 < time < reach_trial.PATIENCE for time in times if time is not None)
+    assert all(0.5 < time < reach_trial.TIMEOUT for time in times if time is not None)
 
 
 @pytest.mark.slow
@@ -244,8 +244,8 @@ def test_a_suit_that_is_off_breaks_no_blame_by_itself_unless_the_clearance_is_to
     assert untold["blamed"] > 0
     assert untold["fastest"] > 0.03
     assert untold["beyond"] < 1.0, "and the wearer is slower than the clearance takes for possible"
-    told = reached(12.0, 9, bias=20.0, clear={"uncertainty": 0.05})
-    assert told["blamed"] == told["pushed"] == 0
+    reported = reached(12.0, 9, bias=20.0, clear={"uncertainty": 0.05})
+    assert reported["blamed"] == reported["pushed"] == 0
 
 
 # -- what the rows say

@@ -19,25 +19,25 @@ from srl.studies.tasks import journal, table
 from srl.studies.toolkit.errors import StudyError
 
 
-def told(lines: list[str], seconds: list[float]) -> dict[str, Any]:
+def reported(lines: list[str], seconds: list[float]) -> dict[str, Any]:
     """A trial with what is typed and what the clock shows."""
     answers, times = iter(lines), iter(seconds)
     return judged(lambda question: next(answers), lambda: next(times))
 
 
 def test_enter_is_a_success_and_a_letter_a_reason() -> None:
-    assert told(["", ""], [10.0, 17.5]) == {"success": True, "reason": "", "duration": 7.5}
-    assert told(["", "d\n"], [0.0, 3.0]) == {"success": False, "reason": "dropped", "duration": 3.0}
+    assert reported(["", ""], [10.0, 17.5]) == {"success": True, "reason": "", "duration": 7.5}
+    assert reported(["", "d\n"], [0.0, 3.0]) == {"success": False, "reason": "dropped", "duration": 3.0}
 
 
 def test_twenty_seconds_are_too_long() -> None:
-    assert told(["", ""], [0.0, 20.5])["reason"] == "out of time"
-    assert told(["", "g"], [0.0, 20.5])["reason"] == "off the goal"
+    assert reported(["", ""], [0.0, 20.5])["reason"] == "out of time"
+    assert reported(["", "g"], [0.0, 20.5])["reason"] == "off the goal"
 
 
 @pytest.mark.parametrize("key", ["x", "?"])
 def test_a_trial_that_doesnt_count_is_done_again(key: str) -> None:
-    assert told(["", key, "", ""], [0.0, 5.0, 100.0, 106.0]) == {"success": True, "reason": "", "duration": 6.0}
+    assert reported(["", key, "", ""], [0.0, 5.0, 100.0, 106.0]) == {"success": True, "reason": "", "duration": 6.0}
 
 
 def test_the_order_is_one_condition_after_the_other() -> None:

@@ -19,7 +19,7 @@ import pytest
 from helpers.panel import shown
 from helpers.run import Running, environment, refused, srl
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.studies.ikns import people
 from srl.studies.ikns.tracking_order import Entry, ordered
 from srl.studies.ikns.tracking_person import session
@@ -123,12 +123,12 @@ def study(folder: Path) -> Any:
     command = srl("study", "ikns-tracking", "--person", "P07", "--quick", "--out", "out")
     with subprocess.Popen(command, env=environment(folder), cwd=folder, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        said = ""
+        output = ""
         try:
-            while not (found := re.search(r"http://127\S+", said)):
+            while not (found := re.search(r"http://127\S+", output)):
                 line = process.stderr.readline()
-                assert line, said
-                said += line
+                assert line, output
+                output += line
             yield found.group()
         finally:
             process.send_signal(signal.SIGINT)

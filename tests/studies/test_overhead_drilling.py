@@ -97,7 +97,7 @@ def test_who_gives_up_keeps_the_holes_done():
 
 
 def trial(subject: str, condition: str, holes: float, time: float, errors: float) -> Trial:
-    figures = {
+    metrics = {
         "tried": 20,
         "N_Hl": holes,
         "T": time,
@@ -107,7 +107,7 @@ def trial(subject: str, condition: str, holes: float, time: float, errors: float
         "gave_up": 0.0,
         "finished": 1.0,
     }
-    return Trial(subject, condition, figures | {"AD": 1.0, "PD": 2.0, "BC": 3.0, "TR": 4.0}, f"{subject}-{condition}")
+    return Trial(subject, condition, metrics | {"AD": 1.0, "PD": 2.0, "BC": 3.0, "TR": 4.0}, f"{subject}-{condition}")
 
 
 @pytest.mark.slow

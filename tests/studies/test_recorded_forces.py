@@ -61,7 +61,7 @@ def test_recordings_that_are_not_there_are_left_out_in_words(tmp_path: Path, mon
     assert all(claim.measured is None for claim in result.claims)
     assert sum("isn't there" in str(entry) for row in result.table for entry in row.values()) == 2
     assert not result.files
-    json.dumps(result.figures())
+    json.dumps(result.metrics())
 
 
 def test_the_recordings_are_read_whole() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from srl.runtime.ipc.words import Cause
+from srl.runtime.ipc.header import Cause
 from srl.runtime.profile import profile
 from srl.studies.simulated import Run, Setup, controllers, largest, merged, parsed, simulate, without_hand
 from srl.studies.toolkit.errors import StudyError

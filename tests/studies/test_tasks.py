@@ -117,9 +117,9 @@ def test_a_full_disk_is_said_and_what_is_there_stays(tmp_path: Path) -> None:
     line = len(journal.encoded(row({"x": 0.0})))
     with journal.opened(tmp_path) as one:
         one.append([row({"x": 0.0}, 0)])
-        with files_up_to(line + line // 2), pytest.raises(StudyError, match=os.strerror(errno.EFBIG)) as said:
+        with files_up_to(line + line // 2), pytest.raises(StudyError, match=os.strerror(errno.EFBIG)) as output:
             one.append([row({"x": 1.0}, 1)])
-        assert "1 rows before are kept" in str(said.value)
+        assert "1 rows before are kept" in str(output.value)
         assert (tmp_path / journal.FILE).stat().st_size == line
         one.append([row({"x": 2.0}, 2)])
     with journal.opened(tmp_path) as two:

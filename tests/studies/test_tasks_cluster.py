@@ -23,10 +23,10 @@ pytestmark = pytest.mark.slow
 def finished(folder: Path, env: dict[str, str], *more: str, code: int = 0) -> str:
     """Runs the toy study to its end; what it said on standard error."""
     with started(folder, env, *more) as client:
-        said = client.communicate(timeout=90)[1]
-    assert client.returncode == code, said
-    assert "Traceback" not in said, said
-    return said
+        output = client.communicate(timeout=90)[1]
+    assert client.returncode == code, output
+    assert "Traceback" not in output, output
+    return output
 
 
 def test_a_worker_and_then_the_client_are_killed_and_the_rows_are_those_of_one_machine(tmp_path: Path) -> None:
@@ -56,10 +56,10 @@ def test_a_scheduler_that_dies_ends_the_study_with_what_is_kept(tmp_path: Path) 
         with started(tmp_path / "out", env, "--on", dask.address) as client:
             until(lambda: lines(tmp_path / "out" / "toy") == 6, what="six rows")
             dask.stop_scheduler()
-            said = client.communicate(timeout=90)[1]
-    assert client.returncode == 2, said
-    assert "the scheduler was lost" in said
-    assert "Traceback" not in said
+            output = client.communicate(timeout=90)[1]
+    assert client.returncode == 2, output
+    assert "the scheduler was lost" in output
+    assert "Traceback" not in output
     (tmp_path / "gate").touch()
     assert "6 of 12 trials" in finished(tmp_path / "out", env)
 
@@ -71,9 +71,9 @@ def test_a_worker_with_another_program_is_named_before_any_work(tmp_path: Path) 
     file.write_text(file.read_text().replace("(40, 40)", "(41, 41)"))
     with DaskCluster(tmp_path / "dask", other) as dask:
         dask.worker()
-        said = finished(tmp_path / "out", env, "--on", dask.address, code=2)
-    assert "program: " in said
-    assert "Install the same there" in said
+        output = finished(tmp_path / "out", env, "--on", dask.address, code=2)
+    assert "program: " in output
+    assert "Install the same there" in output
     assert lines(tmp_path / "out" / "toy") == 0
 
 
@@ -85,8 +85,8 @@ def test_a_worker_without_the_package_is_named(tmp_path: Path) -> None:
     without = os.environ | {"PYTHONPATH": str(bare)}
     with DaskCluster(tmp_path / "dask", without) as dask:
         dask.worker()
-        said = finished(tmp_path / "out", env, "--on", dask.address, code=2)
-    assert "no srl-runtime that runs trials" in said
+        output = finished(tmp_path / "out", env, "--on", dask.address, code=2)
+    assert "no srl-runtime that runs trials" in output
 
 
 def test_over_mutual_tls_the_rows_are_the_same_and_nobody_without_a_certificate_gets_in(tmp_path: Path) -> None:
@@ -104,15 +104,15 @@ def test_over_mutual_tls_the_rows_are_the_same_and_nobody_without_a_certificate_
         plain = dask.address.replace("tls://", "tcp://")
         finished(tmp_path / "out", env, "--on", plain, "--tls", str(folders["client"]))
         finished(tmp_path / "named", env | {"SRL_STUDY_TLS": str(folders["client"])}, "--on", dask.address)
-        said = finished(tmp_path / "none", env, "--on", plain, code=2)
-        assert "no scheduler answers" in said
+        output = finished(tmp_path / "none", env, "--on", plain, code=2)
+        assert "no scheduler answers" in output
         (tmp_path / "strange").mkdir()
         (tmp_path / "strangers").mkdir()
         stranger = certificates(tmp_path / "strangers", ["stranger"])["stranger"]
         for file, path in (("ca", stranger.ca), ("certificate", stranger.certificate), ("key", stranger.key)):
             shutil.copy(path, tmp_path / "strange" / f"{file}.pem")
-        said = finished(tmp_path / "none", env, "--on", plain, "--tls", str(tmp_path / "strange"), code=2)
-        assert "no scheduler answers" in said
+        output = finished(tmp_path / "none", env, "--on", plain, "--tls", str(tmp_path / "strange"), code=2)
+        assert "no scheduler answers" in output
     finished(tmp_path / "local", env)
     assert kept(tmp_path / "out" / "toy") == kept(tmp_path / "named" / "toy") == kept(tmp_path / "local" / "toy")
 

@@ -146,22 +146,22 @@ def test_a_client_that_is_killed_half_way_goes_on_where_it_was(tmp_path: Path, b
         until(lambda: len(listed.read_text().split()) == 3, what=lambda: f"three children, not {listed.read_text()}")
         children = listed.read_text().split()
         client.send_signal(by)
-        said = client.communicate(timeout=60)[1]
+        output = client.communicate(timeout=60)[1]
         until(lambda: not any(alive(int(child)) for child in children), what="the workers end with their client")
     if by is signal.SIGINT:
         assert client.returncode == 130
-        assert "6 of 12 trials are kept; give the same command again" in said
-        assert "Traceback" not in said
+        assert "6 of 12 trials are kept; give the same command again" in output
+        assert "Traceback" not in output
         assert len(table.read(out / table.FILE)) == 6
     first = (out / journal.FILE).read_bytes()
     with open(out / journal.FILE, "ab") as file:
         file.write(first[: len(first) // 10])  # and the next row was being written
     (tmp_path / "gate").touch()
     with started(tmp_path / "out", env, "--workers", "2") as resumed:
-        said = resumed.communicate(timeout=60)[1]
-    assert resumed.returncode == 0, said
-    assert "6 of 12 trials" in said
-    assert "it was cut off" in said
+        output = resumed.communicate(timeout=60)[1]
+    assert resumed.returncode == 0, output
+    assert "6 of 12 trials" in output
+    assert "it was cut off" in output
     assert (out / journal.FILE).read_bytes().startswith(first)
     with started(tmp_path / "whole", env, "--workers", "1") as whole:
         whole.communicate(timeout=60)

@@ -31,10 +31,10 @@ def test_the_pages_examples(
 
 
 def test_the_pages_p_values_of_twelve_subjects() -> None:
-    said = [0.0005, 0.0063, 0.039, 0.15]
+    output = [0.0005, 0.0063, 0.039, 0.15]
     p = [sign_test([1] * (12 - k) + [-1] * k, [0] * 12).p for k in range(4)]
-    assert p == pytest.approx(said, rel=0.03)
-    assert all(f"{value:g}" in PAGE.read_text() for value in said)
+    assert p == pytest.approx(output, rel=0.03)
+    assert all(f"{value:g}" in PAGE.read_text() for value in output)
 
 
 def test_the_pages_errata_are_the_computed_ones() -> None:

@@ -94,10 +94,10 @@ def test_one_subject_has_no_deviation_and_prints() -> None:
 
 def test_a_claimed_significance_that_the_rows_lack_and_one_that_is_denied() -> None:
     table = Table("t", list("abcdefgh"), ("A", "B"), [Measure("x", "", "", {"A": [1] * 8, "B": [2] * 8})])
-    figures = {"A": (1.0, 0.0), "B": (2.0, 0.0)}
-    assert table.differences({"x": Printed(figures, 0.01)}) == []
-    assert table.differences({"x": Printed(figures, 0.001)}) == [Difference("x", "", "p", 0.001, 2 / 256)]
-    assert table.differences({"x": Printed(figures, None)}) == [Difference("x", "", "p", 1.0, 2 / 256)]
+    metrics = {"A": (1.0, 0.0), "B": (2.0, 0.0)}
+    assert table.differences({"x": Printed(metrics, 0.01)}) == []
+    assert table.differences({"x": Printed(metrics, 0.001)}) == [Difference("x", "", "p", 0.001, 2 / 256)]
+    assert table.differences({"x": Printed(metrics, None)}) == [Difference("x", "", "p", 1.0, 2 / 256)]
 
 
 @pytest.mark.parametrize(

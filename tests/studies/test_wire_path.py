@@ -104,14 +104,14 @@ def test_touches_and_time_count_between_the_wires_beginning_and_the_return():
 
 
 def trials(errors: dict[str, tuple[float, ...]]) -> list[Trial]:
-    figures = {"off_mm": 1.0, "missed": 0.0, "finished": 1.0, "AD": 1.0, "PD": 2.0, "BC": 3.0, "TR": 4.0}
+    metrics = {"off_mm": 1.0, "missed": 0.0, "finished": 1.0, "AD": 1.0, "PD": 2.0, "BC": 3.0, "TR": 4.0}
     own = [
         (condition, k, e, 130.0 + k + (30 if condition == "HR" else 0))
         for condition, all_of in errors.items()
         for k, e in enumerate(all_of)
     ]
     return [
-        Trial(f"P{k + 1:02}", condition, figures | {"N_err": e, "T": t, "moving": t - 60.0}, f"{k}")
+        Trial(f"P{k + 1:02}", condition, metrics | {"N_err": e, "T": t, "moving": t - 60.0}, f"{k}")
         for condition, k, e, t in own
     ]
 

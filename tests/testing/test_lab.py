@@ -175,7 +175,7 @@ def test_disconnected_is_lost_and_cant_be_opened_before_it_is_healed(sensor: Lab
 def test_a_limb_stops_for_it_and_a_person_starts_it_again(lab: Lab, device: str, kind: str, cause: str) -> None:
     lab.fault(device, kind)
     lab.until("stopped", most=1.0)
-    assert (lab.cause, lab.culprit) == (cause, device)
+    assert (lab.cause, lab.fault_source) == (cause, device)
     lab.reset()
     assert lab.state == "stopped"  # refused: the fault is there
     lab.heal(device)
@@ -234,7 +234,7 @@ def test_a_clients_setpoint_is_followed_and_its_silence_stops() -> None:
         lab.check("finger.position_command.applied", near=TARGET, within=0.01)
         lab.setpoint("client.position", None)
         lab.until("stopped", most=2.0)
-        assert (lab.cause, lab.culprit) == ("intent_loss", "client")
+        assert (lab.cause, lab.fault_source) == ("intent_loss", "client")
 
 
 @pytest.mark.parametrize(
@@ -273,11 +273,11 @@ def test_a_check_names_elements_units_and_the_situation(lab: Lab) -> None:
     wrong = [applied[0], applied[1] + 1, applied[2], applied[3]]
     with pytest.raises(AssertionError) as caught:
         lab.check("finger.position_command.applied", near=wrong, within=0.1)
-    said = str(caught.value)
-    assert "it is flexion_1" in said
-    assert "abduction" not in said.partition("it is")[2]
-    assert "± 0.1 rad" in said
-    assert "state active, glove is frozen" in said
+    output = str(caught.value)
+    assert "it is flexion_1" in output
+    assert "abduction" not in output.partition("it is")[2]
+    assert "± 0.1 rad" in output
+    assert "state active, glove is frozen" in output
 
 
 def test_a_value_that_isnt_finite_is_never_right(sensor: Lab) -> None:

@@ -55,9 +55,9 @@ def own_lines() -> int:
 
 
 def test_the_authors_own_lines_are_few_and_the_page_says_how_many() -> None:
-    (said,) = re.findall(r"That is (\d+) lines of the author's own", PAGE)
-    assert own_lines() == int(said)
-    assert int(said) < MOST
+    (output,) = re.findall(r"That is (\d+) lines of the author's own", PAGE)
+    assert own_lines() == int(output)
+    assert int(output) < MOST
 
 
 def test_the_page_has_every_rule_and_every_fault() -> None:
@@ -103,8 +103,8 @@ def test_a_newcomer_writes_the_force_plate(tmp_path: Path) -> None:
     lab, write, use = [body for kind, _, body in FENCE.findall(PAGE) if kind == "sh"]
     shell = Shell(tmp_path)
     assert lab.startswith("python -m pytest test_lab.py")
-    told = shell.types(write)
-    assert "26 passed, 2 skipped" in told
+    reported = shell.types(write)
+    assert "26 passed, 2 skipped" in reported
     for path, text in changed(new_device.package("force-plate")).items():
         (shell.folder / path).write_text(text)
     subprocess.run(
@@ -112,21 +112,21 @@ def test_a_newcomer_writes_the_force_plate(tmp_path: Path) -> None:
         cwd=shell.folder, check=True, timeout=60,
     )  # fmt: skip
     shell.types("pip")  # the command above installs in place; here it copies
-    told = shell.types(use)
-    assert "2 skipped" in told
-    assert "force plate (wrench of six axes" in told
+    reported = shell.types(use)
+    assert "2 skipped" in reported
+    assert "force plate (wrench of six axes" in reported
 
 
 @pytest.mark.slow
 def test_the_labs_tests_pass_and_fail_with_what_is_wrong(tmp_path: Path) -> None:
     (text,) = (body for _, path, body in FENCE.findall(PAGE) if path == "test_lab.py")
     (tmp_path / "test_lab.py").write_text(text)
-    told = environment(tmp_path)
-    done = pytest_in(tmp_path, told, "test_lab.py")
+    reported = environment(tmp_path)
+    done = pytest_in(tmp_path, reported, "test_lab.py")
     assert "3 passed" in done.stdout, done.stdout + done.stderr
     (tmp_path / "test_wrong.py").write_text(
         text.replace('run.fault("glove", "silent")', 'run.fault("glove", "frozen")')
     )
-    done = pytest_in(tmp_path, told, "test_wrong.py")
+    done = pytest_in(tmp_path, reported, "test_wrong.py")
     assert "1 failed, 2 passed" in done.stdout, done.stdout + done.stderr
     assert "state active, glove is frozen" in done.stdout

@@ -38,7 +38,7 @@ def test_it_reads_arms_moves_and_disables_both_motors() -> None:
             until(lambda: elbow.get_states().get("status") == "DISABLED", elbow.request_motor_feedback)
         finally:
             host.shutdown()
-        figures = server.twin.figures()
-        assert figures["enabled"] == [False, False]
-        assert figures["refused"] == {}
+        metrics = server.twin.metrics()
+        assert metrics["enabled"] == [False, False]
+        assert metrics["refused"] == {}
         assert np.isfinite(server.world.truth_arrays["arm_position"]).all()

@@ -218,13 +218,13 @@ def test_velocities_that_jump_pass_its_limits_and_end_in_good_order(server, clie
     # Its velocity servo is soft; what it understood is what it integrates.
     assert np.max(asked, axis=0) - wanted == pytest.approx([0.2] * 7, abs=0.05)
     assert c.desired() == pytest.approx(wanted, abs=0.05)
-    assert c.driver.figures()["moves"] == 1
+    assert c.driver.metrics()["moves"] == 1
     c.driver.stop(Stop.HOLD)
     c.run(0.3, write=False)
     assert c.driver.health.fault == ""
     c.command[:] = 0.0
     c.run(0.3)
-    assert c.driver.figures()["moves"] == 2
+    assert c.driver.metrics()["moves"] == 2
     assert c.driver.health.fault == ""
 
 
@@ -276,7 +276,7 @@ def test_a_pause_of_ours_is_a_fault_that_a_person_recovers_from(server, client):
     c = client(server("packets"), "torque")
     for _ in range(20):  # a busy machine may lose 20 packets by itself: that is the same fault
         c.run(0.05)
-        if c.driver.figures()["moves"]:
+        if c.driver.metrics()["moves"]:
             break
     time.sleep(3.0)  # the pause
     c.driver.read(time.monotonic_ns())
@@ -285,6 +285,6 @@ def test_a_pause_of_ours_is_a_fault_that_a_person_recovers_from(server, client):
     assert c.driver.health.fault == "reflex: communication_constraints_violation"
     c.driver.recover(time.monotonic_ns())
     until(lambda: not c.driver.health.fault, lambda: c.driver.read(time.monotonic_ns()))
-    moves = c.driver.figures()["moves"]
+    moves = c.driver.metrics()["moves"]
     c.run(0.3)
-    assert (c.driver.health.fault, c.driver.figures()["moves"]) == ("", moves + 1)
+    assert (c.driver.health.fault, c.driver.metrics()["moves"]) == ("", moves + 1)

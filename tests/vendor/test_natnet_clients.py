@@ -40,8 +40,8 @@ def port(address: str) -> int:
 @pytest.mark.parametrize("version", ["3.1", "4.1"])
 def test_the_maker_s_sample_reads_poses_and_definitions(version):
     seen: list[tuple[int, Any, Any]] = []
-    told = io.StringIO()
-    with peer(natnet=version) as twin, contextlib.redirect_stdout(told):
+    reported = io.StringIO()
+    with peer(natnet=version) as twin, contextlib.redirect_stdout(reported):
         client = sample.NatNetClient()
         client.set_client_address("127.0.0.1")
         client.set_server_address("127.0.0.1")
@@ -55,7 +55,7 @@ def test_the_maker_s_sample_reads_poses_and_definitions(version):
             until(lambda: len(seen) > 20)
             target = ("127.0.0.1", client.command_port)
             client.send_request(client.command_socket, client.NAT_REQUEST_MODELDEF, "", target)
-            until(lambda: "Drill" in told.getvalue() and "Data Descriptions" in told.getvalue())
+            until(lambda: "Drill" in reported.getvalue() and "Data Descriptions" in reported.getvalue())
             until(lambda: client.get_server_version()[0] > 0)
             assert client.get_application_name().startswith("Motive")
             assert list(client.get_nat_net_version_server())[:2] == [int(n) for n in version.split(".")]

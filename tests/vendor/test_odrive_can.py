@@ -86,18 +86,18 @@ def test_every_frame_of_this_driver_is_in_the_dbc():
     """What the driver sends, decoded by the DBC of another author, is what was meant."""
     dbc = odrive_can.get_dbc()
 
-    def said(message):
+    def output(message):
         entry = dbc.get_message_by_frame_id(message.arbitration_id)
         return entry.name, entry.decode(bytes(message.data))
 
-    assert said(protocol.set_state(1, 8)) == ("Axis1_Set_Axis_State", {"Axis_Requested_State": "CLOSED_LOOP_CONTROL"})
-    name, found = said(protocol.input_position(3, -1.25, 0.5, -0.1))
+    assert output(protocol.set_state(1, 8)) == ("Axis1_Set_Axis_State", {"Axis_Requested_State": "CLOSED_LOOP_CONTROL"})
+    name, found = output(protocol.input_position(3, -1.25, 0.5, -0.1))
     assert name == "Axis3_Set_Input_Pos"
     assert [found[key] for key in ("Input_Pos", "Vel_FF", "Torque_FF")] == pytest.approx([-1.25, 0.5, -0.1])
-    name, found = said(protocol.set_mode(2, "torque"))
+    name, found = output(protocol.set_mode(2, "torque"))
     assert found == {"Control_Mode": "TORQUE_CONTROL", "Input_Mode": "PASSTHROUGH"}
-    assert said(protocol.input_torque(2, 0.75))[1] == {"Input_Torque": 0.75}
-    assert said(protocol.set_limits(1, 20.0, 15.0))[1] == {"Velocity_Limit": 20.0, "Current_Limit": 15.0}
+    assert output(protocol.input_torque(2, 0.75))[1] == {"Input_Torque": 0.75}
+    assert output(protocol.set_limits(1, 20.0, 15.0))[1] == {"Velocity_Limit": 20.0, "Current_Limit": 15.0}
     for command in (0x00, 0x03, 0x06, 0x14, 0x15, 0x17, 0x1C):
         dbc.get_message_by_frame_id(protocol.identifier(1, command))
 

@@ -32,13 +32,13 @@ said = {"start": list(panda.get_state().q)}
 def run(begin: str, program: str, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     host = helpers_panda.host()
     twin = helpers_panda.twin(host=host, port=1337, **options)
-    said = helpers_panda.serve(twin, begin.replace("HOST", host) + program + "\nprint(json.dumps(said))")
-    return said, twin.figures()
+    output = helpers_panda.serve(twin, begin.replace("HOST", host) + program + "\nprint(json.dumps(said))")
+    return output, twin.metrics()
 
 
 @pytest.mark.slow
 def test_it_connects_reads_and_runs_torque_and_velocity_loops() -> None:
-    said, figures = run(
+    output, metrics = run(
         BARE,
         """
 def torque(state, period):
@@ -62,18 +62,18 @@ robot.control_joint_velocity(velocity)
 said["after_velocity"] = list(robot.read_once().q)
 """,
     )
-    assert said["version"] == 5
-    np.testing.assert_allclose(said["start"], PANDA.home, atol=1e-4)
-    moved = np.subtract(said["after_torque"], said["start"])
+    assert output["version"] == 5
+    np.testing.assert_allclose(output["start"], PANDA.home, atol=1e-4)
+    moved = np.subtract(output["after_torque"], output["start"])
     assert 0.005 < moved[3] < 0.1
-    np.testing.assert_allclose(np.subtract(said["after_velocity"], said["after_torque"]), 0.1, atol=0.005)
-    assert figures["setpoints"] >= 2500
-    assert (figures["reflexes"], figures["packets_lost"]) == (0, 0)
+    np.testing.assert_allclose(np.subtract(output["after_velocity"], output["after_torque"]), 0.1, atol=0.005)
+    assert metrics["setpoints"] >= 2500
+    assert (metrics["reflexes"], metrics["packets_lost"]) == (0, 0)
 
 
 @pytest.mark.slow
 def test_a_jump_of_torque_is_a_reflex_that_recovery_clears() -> None:
-    said, figures = run(
+    output, metrics = run(
         BARE,
         """
 def jump(state, period):
@@ -98,15 +98,15 @@ robot.control(still)
 said["well"] = str(robot.read_once().current_errors)
 """,
     )
-    assert "controller_torque_discontinuity" in said["error"]
-    assert said["mode"] == "kReflex"
-    assert "controller_torque_discontinuity" in said["why"]
-    assert said["well"] == "[]"
-    assert figures["reflexes"] == 1
+    assert "controller_torque_discontinuity" in output["error"]
+    assert output["mode"] == "kReflex"
+    assert "controller_torque_discontinuity" in output["why"]
+    assert output["well"] == "[]"
+    assert metrics["reflexes"] == 1
 
 
 def test_values_that_no_robot_takes_are_refused_in_libfrankas_words() -> None:
-    said, _ = run(
+    output, _ = run(
         BARE,
         """
 refused = {
@@ -126,12 +126,12 @@ said["mass"] = robot.read_once().m_load
 """,
     )
     for name in ("load", "impedance", "frame", "collision"):
-        assert "invalid argument" in said[name], name
-    assert said["mass"] == pytest.approx(0.5)
+        assert "invalid argument" in output[name], name
+    assert output["mass"] == pytest.approx(0.5)
 
 
 def test_the_user_stop_is_told_in_libfrankas_words() -> None:
-    said, _ = run(
+    output, _ = run(
         BARE,
         """
 try:
@@ -143,14 +143,14 @@ said["mode"] = robot.read_once().robot_mode.name
         user_stop=[[0.5, 60.0]],
     )
     # The second where the machine was so slow that the stop came before the motion.
-    assert "User Stop pressed" in said["error"] or '("User stopped")' in said["error"]
-    assert said["mode"] == "kUserStopped"
+    assert "User Stop pressed" in output["error"] or '("User stopped")' in output["error"]
+    assert output["mode"] == "kUserStopped"
 
 
 @pytest.mark.slow
 def test_its_own_motions_with_its_own_gains_use_the_model_that_the_robot_gave_it() -> None:
     """The arm as it is: rotors and the published friction."""
-    said, figures = run(
+    output, metrics = run(
         FULL,
         """
 state = panda.get_state()
@@ -166,11 +166,11 @@ said["left"] = float(np.abs(np.array(panda.get_state().q) - said["start"]).max()
         **helpers_panda.QUIET,
     )
     # Sheet panda, reference values at `ready`.
-    np.testing.assert_allclose(said["mass"], [0.4612, 1.4450, 0.8789, 0.7887, 0.0279, 0.0326, 0.0049], atol=1e-3)
-    np.testing.assert_allclose(said["gravity"], [0, -1.7714, -0.6440, 18.5736, 0.6338, 1.6937, 0], atol=0.02)
-    assert said["reached"]
-    assert said["off"] < 0.005
-    assert said["back"]
-    assert said["left"] < 0.005
-    assert (figures["reflexes"], figures["packets_lost"]) == (0, 0)
-    assert figures["requests"]["LoadModelLibrary"] == 1
+    np.testing.assert_allclose(output["mass"], [0.4612, 1.4450, 0.8789, 0.7887, 0.0279, 0.0326, 0.0049], atol=1e-3)
+    np.testing.assert_allclose(output["gravity"], [0, -1.7714, -0.6440, 18.5736, 0.6338, 1.6937, 0], atol=0.02)
+    assert output["reached"]
+    assert output["off"] < 0.005
+    assert output["back"]
+    assert output["left"] < 0.005
+    assert (metrics["reflexes"], metrics["packets_lost"]) == (0, 0)
+    assert metrics["requests"]["LoadModelLibrary"] == 1

@@ -58,10 +58,10 @@ def test_servos_move_and_buttons_are_heard(tmp_path):
             what=lambda: str(heard),
         )
         board.exit()
-    assert twin.process.returncode == 0, twin.said
-    figures = twin.figures["finger"]
-    assert figures["bytes_lost"] == 0
-    assert set(figures["pulses_us"].values()) == {None}  # exit() detaches
+    assert twin.process.returncode == 0, twin.output
+    metrics = twin.metrics["finger"]
+    assert metrics["bytes_lost"] == 0
+    assert set(metrics["pulses_us"].values()) == {None}  # exit() detaches
     rows = np.load(log)
     # Before the second write of servo 9: where the world's servos are, against where the angles mean.
     row = np.searchsorted(rows["now_ns"], held) - 1

@@ -27,13 +27,13 @@ IMPEDANCE = franka.ControllerMode.JointImpedance
 
 def run(program: str, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     twin = helpers_panda.twin("fr3", HOST, 1337, **options)
-    said = helpers_panda.serve(twin, BEGIN + program + "\nprint(json.dumps(said))")
-    return said, twin.figures()
+    output = helpers_panda.serve(twin, BEGIN + program + "\nprint(json.dumps(said))")
+    return output, twin.metrics()
 
 
 @pytest.mark.slow
 def test_it_runs_torque_velocity_and_position_loops() -> None:
-    said, figures = run("""
+    output, metrics = run("""
 control = robot.start_torque_control()
 for n in range(1500):
     state, period = control.readOnce()
@@ -59,16 +59,16 @@ for n in range(1000):
     control.writeOnce(command)
 said["after_position"] = list(robot.read_once().q)
 """)
-    np.testing.assert_allclose(said["start"], FR3.home, atol=1e-4)
-    assert 0.005 < said["after_torque"][3] - said["start"][3] < 0.1
-    np.testing.assert_allclose(np.subtract(said["after_velocity"], said["after_torque"]), 0.1, atol=0.005)
-    np.testing.assert_allclose(np.subtract(said["after_position"], said["after_velocity"]), 0.05, atol=0.005)
-    assert figures["requests"]["Move"] == 3
-    assert (figures["reflexes"], figures["packets_lost"]) == (0, 0)
+    np.testing.assert_allclose(output["start"], FR3.home, atol=1e-4)
+    assert 0.005 < output["after_torque"][3] - output["start"][3] < 0.1
+    np.testing.assert_allclose(np.subtract(output["after_velocity"], output["after_torque"]), 0.1, atol=0.005)
+    np.testing.assert_allclose(np.subtract(output["after_position"], output["after_velocity"]), 0.05, atol=0.005)
+    assert metrics["requests"]["Move"] == 3
+    assert (metrics["reflexes"], metrics["packets_lost"]) == (0, 0)
 
 
 def test_a_jump_of_torque_is_a_reflex_that_recovery_clears() -> None:
-    said, figures = run("""
+    output, metrics = run("""
 def loop(last, jump):
     control = robot.start_torque_control()
     for n in range(last + 1):
@@ -85,14 +85,14 @@ robot.automatic_error_recovery()
 loop(100, 0.0)
 said["well"] = robot.read_once().robot_mode.name
 """)
-    assert "controller_torque_discontinuity" in said["error"]
-    assert said["mode"] == "Reflex"
-    assert said["well"] == "Idle"
-    assert figures["reflexes"] == 1
+    assert "controller_torque_discontinuity" in output["error"]
+    assert output["mode"] == "Reflex"
+    assert output["well"] == "Idle"
+    assert metrics["reflexes"] == 1
 
 
 def test_it_reads_the_model_and_its_wrong_values_are_refused() -> None:
-    said, _ = run("""
+    output, _ = run("""
 state = robot.read_once()
 model = robot.load_model()
 said["mass"] = list(model.mass(state))[::8]
@@ -109,9 +109,9 @@ try:
 except franka.CommandException as error:
     said["error"] = str(error)
 """)
-    np.testing.assert_allclose(said["mass"], [0.4612, 1.4450, 0.8789, 0.7887, 0.0279, 0.0326, 0.0049], atol=1e-3)
-    np.testing.assert_allclose(said["gravity"], [0, -1.7714, -0.6440, 18.5736, 0.6338, 1.6937, 0], atol=0.02)
+    np.testing.assert_allclose(output["mass"], [0.4612, 1.4450, 0.8789, 0.7887, 0.0279, 0.0326, 0.0049], atol=1e-3)
+    np.testing.assert_allclose(output["gravity"], [0, -1.7714, -0.6440, 18.5736, 0.6338, 1.6937, 0], atol=0.02)
     with_load = pinocchio_model(FR3, payload=Payload(1.0, (0.0, 0.0, 0.1)))
-    expected = pin.computeGeneralizedGravity(with_load, with_load.createData(), np.array(said["start"]))
-    np.testing.assert_allclose(said["loaded"], expected, atol=0.02)
-    assert "invalid argument" in said["error"]
+    expected = pin.computeGeneralizedGravity(with_load, with_load.createData(), np.array(output["start"]))
+    np.testing.assert_allclose(output["loaded"], expected, atol=0.02)
+    assert "invalid argument" in output["error"]

@@ -81,7 +81,7 @@ def test_the_watchdog_acknowledges_and_bites(server, port):
     port.write(bytes.fromhex("3a3a0103800383"))
     assert ask(port, "3a3a01028181", 7) == b"\x03"
     until(lambda: ask(port, "3a3a01028181", 7) == b"\0")
-    assert server.twin.figures()["watchdog_trips"] == 1
+    assert server.twin.metrics()["watchdog_trips"] == 1
 
 
 def test_information_in_words(port):

@@ -29,8 +29,8 @@ def test_it_enables_moves_and_lets_go(monkeypatch: pytest.MonkeyPatch) -> None:
             motor.set_output_angle_radians(0.4)
             until(lambda: abs(float(server.world.truth_arrays["arm_position"][0]) - 0.4) < 0.03, motor.update)
             until(lambda: abs(motor.get_output_angle_radians() - 0.4) < 0.03, motor.update)
-            assert server.twin.figures()["enabled"] == [True]
-        until(lambda: server.twin.figures()["enabled"] == [False])
-        frames = server.twin.figures()["frames"]
+            assert server.twin.metrics()["enabled"] == [True]
+        until(lambda: server.twin.metrics()["enabled"] == [False])
+        frames = server.twin.metrics()["frames"]
         assert frames["enable"] >= 1
         assert frames["disable"] >= 1

@@ -336,4 +336,4 @@ def test_what_the_twin_refuses_ends_the_program_and_the_client_sees_it(tmp_path,
         )
     assert out["again"]
     assert out["works"] == pytest.approx(0.002)
-    assert twin.figures["arm"]["refused"] == {"set_gravity": 1}
+    assert twin.metrics["arm"]["refused"] == {"set_gravity": 1}

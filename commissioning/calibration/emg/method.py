@@ -15,7 +15,6 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.cut import cut_to, find
 from srl.commissioning.calibration.emg import report as emg_report
 from srl.commissioning.calibration.emg.fit import Thresholds, fit, refusals
 from srl.commissioning.calibration.emg.procedure import Procedure
@@ -23,8 +22,9 @@ from srl.commissioning.calibration.emg.report import Result
 from srl.commissioning.calibration.emg.samples import EmgMarksConfig, Plan, Samples, joined, parts
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.order import Order
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.profile_subset import find, subset_for
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.control.emg.processing import EmgError, OnlineEnvelope
 from srl.control.emg.record import FORMAT, EmgRecord
 from srl.runtime.contracts.errors import RecordingError, RequestError, WiringError
@@ -41,7 +41,7 @@ _FRAME: Final = 27  # samples that come at once; a row must hold a cycle's and t
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
+class ChannelMap(RunChannels):
     """What is read of the device. Attributes: `options` of the marks' law; `block` (k n,), `count`, `shape` (k, n)."""
 
     options: EmgMarksConfig
@@ -64,14 +64,14 @@ class Taps(RunTaps):
         return Samples(self.times(rows), blocks, floats[:, self.count[0]], self.marks(floats))
 
 
-class EmgMethod(Method[Taps, Result]):
+class EmgMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     name, law, option, kind, error = "emg", LAW, "calibration", EmgRecord, EmgError
     thing = "muscles"
     report: ClassVar[ModuleType] = emg_report
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = settings(order, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
@@ -90,7 +90,7 @@ class EmgMethod(Method[Taps, Result]):
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, person, self._device, self._plan, self._thresholds)
-        return cut_to(
+        return subset_for(
             self.checked,
             self.source,
             LAW,
@@ -130,7 +130,7 @@ class EmgMethod(Method[Taps, Result]):
         sim["devices"] = {self._device: device | {"part": own[0]}}
         plain["sim"] = sim | {"world": "cell"}
 
-    def taps(self, layout: Layout, place: str) -> Taps:
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong to which contraction isn't known"
@@ -138,27 +138,27 @@ class EmgMethod(Method[Taps, Result]):
         options = EmgMarksConfig.model_validate(entry.options)
         block, count = (words(layout, [name], place) for name in (options.signal, options.count))
         shape = layout.fields[options.signal].shape
-        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, block, count, shape)
+        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, block, count, shape)
 
-    def ready(self, taps: Taps) -> None:
-        self._is_ours(taps, "--recording")
+    def ready(self, channel_map: ChannelMap) -> None:
+        self._is_ours(channel_map, "--recording")
 
-    def _is_ours(self, taps: Taps, place: str) -> None:
+    def _is_ours(self, channel_map: ChannelMap, place: str) -> None:
         """Raises RequestError: it is of other muscles, or of other slots, than the profile's."""
         ours = _slots(self.checked.devices[self._device].options)
-        theirs = _channels(taps.layout, self._device)
-        if tuple(taps.options.muscles) != tuple(ours) or theirs != ours:
-            said = " and ".join(", ".join(f"{k}: {v}" for k, v in each.items()) for each in (theirs, ours))
-            problem = f"it is of other muscles or slots than the profile's: {said}"
+        theirs = _channels(channel_map.layout, self._device)
+        if tuple(channel_map.options.muscles) != tuple(ours) or theirs != ours:
+            output = " and ".join(", ".join(f"{k}: {v}" for k, v in each.items()) for each in (theirs, ours))
+            problem = f"it is of other muscles or slots than the profile's: {output}"
             raise RequestError(place, problem, "Name a recording of these electrodes")
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         mine, theirs = one.options, other.options
         return (mine.signal, mine.muscles, mine.plan) == (theirs.signal, theirs.muscles, theirs.plan) and (
             one.shape == other.shape
         )
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         self._is_ours(older, "--from" if self.order.redo else "--recording")
         self._plan = kept(older.options.plan, self._plan)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
@@ -181,11 +181,11 @@ class EmgMethod(Method[Taps, Result]):
             level = OnlineEnvelope(len(muscles), filters).take(rest)[settled:].mean(axis=0)
         return Procedure(muscles, self._plan, self._thresholds, level)
 
-    def compute(self, taps: Taps, parts_: Sequence[Any], date: datetime.date) -> Result:
-        options = taps.options
+    def compute(self, channel_map: ChannelMap, parts_: Sequence[Any], date: datetime.date) -> Result:
+        options = channel_map.options
         rest, contractions = parts(joined(parts_), options.muscles, options.plan)
         found = fit(options.muscles, rest, contractions, options.plan.filters(), options.plan.window)
-        return Result(options, taps.simulated, found, date, refusals(found, options.thresholds))
+        return Result(options, channel_map.simulated, found, date, refusals(found, options.thresholds))
 
     def record(self, result: Result) -> EmgRecord:
         found, options = result.found, result.options

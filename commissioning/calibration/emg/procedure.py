@@ -47,19 +47,19 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
 
     step: Step
     task: str
     lack: str
     missing: str
     states: tuple[str, ...]
-    told: tuple[Bar, ...]
+    reported: tuple[Bar, ...]
     things: ClassVar[str] = "muscles"
 
     def bars(self) -> tuple[Bar, ...]:
         """How far it is."""
-        return self.told
+        return self.reported
 
 
 class Procedure:
@@ -197,15 +197,15 @@ class Procedure:
         whole = {Kind.READY: plan.read, Kind.REST: plan.rest, Kind.PAUSE: plan.pause, Kind.CONTRACT: plan.hold}
         since = self._onset if kind is Kind.CONTRACT else self._since
         gone = 0.0 if np.isnan(self._now - since) else self._now - since
-        told = []
+        reported = []
         if kind in whole:
             left = max(whole[kind] - gone, 0.0)
-            told.append(Bar("time", min(gone / whole[kind], 1.0), f"{left:.0f} s left"))
+            reported.append(Bar("time", min(gone / whole[kind], 1.0), f"{left:.0f} s left"))
         for name, level, best in zip(self._muscles, self._level, self._best, strict=True):
             share = None if not best or np.isnan(level) else float(min(level / best, 1.0))
-            said = "?" if np.isnan(level) else f"{1e6 * level:6.1f} uV"
-            told.append(Bar(name, share, said))
-        return tuple(told)
+            output = "?" if np.isnan(level) else f"{1e6 * level:6.1f} uV"
+            reported.append(Bar(name, share, output))
+        return tuple(reported)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

@@ -43,7 +43,7 @@ def lines(result: Result) -> list[str]:
     """The report as text."""
     found, options = result.found, result.options
     filters = options.plan.filters()
-    told = [
+    reported = [
         f"{options.person}, {options.signal}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}",
         "muscle                  rest uV   MVC uV  contractions uV               differ  hum at rest",
     ]
@@ -51,7 +51,7 @@ def lines(result: Result) -> list[str]:
         own = found.own[i]
         each = " ".join(f"{1e6 * level:7.1f}" for level in own)
         differ = 1.0 - own.min() / own.max() if own.max() else 1.0
-        told.append(
+        reported.append(
             f"{name:<22} {1e6 * found.rest[i]:8.2f} {1e6 * found.mvc[i]:8.1f}  {each:<29} {differ:5.0%}  "
             f"{found.hum[i]:5.0%} ({found.mains[i]:.0f} Hz)"
         )
@@ -59,16 +59,18 @@ def lines(result: Result) -> list[str]:
     for j, name in enumerate(found.muscles):
         i = int(top[:, j].argmax())
         if i != j:
-            told.append(f"{name}: its MVC is from the contraction of {found.muscles[i]}, which gave more than its own")
+            reported.append(
+                f"{name}: its MVC is from the contraction of {found.muscles[i]}, which gave more than its own"
+            )
     low, high = filters.band
-    told.append(
+    reported.append(
         f"band {low:g} to {high:g} Hz, envelope {filters.cutoff:g} Hz (late by {1e3 * filters.delay:.0f} ms), MVC: "
         f"highest mean over {options.plan.window:g} s; it holds while the electrodes stay on the skin"
     )
-    return told
+    return reported
 
 
-def figures(result: Result) -> dict[str, Any]:
+def metrics(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     found, options = result.found, result.options
     top = found.levels.max(axis=1)

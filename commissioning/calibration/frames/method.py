@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.cut import cut_devices
 from srl.commissioning.calibration.frames import report as frame_report
 from srl.commissioning.calibration.frames.fit import MountError, Thresholds, fit, refusals
 from srl.commissioning.calibration.frames.procedure import Procedure
@@ -20,9 +19,10 @@ from srl.commissioning.calibration.frames.report import Result
 from srl.commissioning.calibration.frames.samples import LEFT_OUT, FrameMarksConfig, Plan, Samples, held, joined, pairs
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.order import Order
 from srl.commissioning.calibration.pose_signals import pose_signals
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.profile_subset import subset_of_devices
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import OptionError, ProfileError, RecordingError, RequestError, WiringError, nearest
 from srl.runtime.contracts.files import KeptFile
@@ -47,7 +47,7 @@ class Between(Options):
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
+class ChannelMap(RunChannels):
     """What is read. Attributes: `options` of the marks' law; `parent`, `own` (7,): the poses in parent and frame."""
 
     options: FrameMarksConfig
@@ -69,7 +69,7 @@ class Taps(RunTaps):
         return Samples(self.times(rows), _seen(floats[:, self.parent]), own, self.marks(floats))
 
 
-class FrameMethod(Method[Taps, Result]):
+class FrameMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     name, law, option, kind, error = "frames", "", "calibration", FrameRecord, MountError
@@ -78,7 +78,7 @@ class FrameMethod(Method[Taps, Result]):
     report: ClassVar[ModuleType] = frame_report
 
     @classmethod
-    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         frame = _frame(order, checked, source)
         given = checked.frames[frame].calibration
         if isinstance(given, KeptFile):
@@ -88,7 +88,7 @@ class FrameMethod(Method[Taps, Result]):
         except OptionError as error:
             raise ProfileError(source.place(f"frames.{frame}.calibration"), error.problem, error.remedy) from None
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = settings(order, {"plan": Plan, "thresholds": Thresholds, "between": Between})
         self._plan, self._thresholds, between = found["plan"], found["thresholds"], found["between"]
@@ -108,7 +108,7 @@ class FrameMethod(Method[Taps, Result]):
         self._serials = {device: str(serial) for device, serial in given.items() if serial is not None}
 
     def cut(self, person: str) -> tuple[Profile, Source]:
-        return cut_devices(
+        return subset_of_devices(
             self.checked, self.source, set(self._devices), self._marks, self.order.sim, self._silent
         )  # fmt: skip
 
@@ -144,7 +144,7 @@ class FrameMethod(Method[Taps, Result]):
                 if part in plain["sim"]["parts"]:
                     plain["sim"]["parts"][part]["guided"] = True
 
-    def taps(self, layout: Layout, place: str) -> Taps:
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong together isn't known"
@@ -152,13 +152,13 @@ class FrameMethod(Method[Taps, Result]):
         options = FrameMarksConfig.model_validate(entry.options)
         own = None if options.frame_signal is None else words(layout, [options.frame_signal], place)
         mark = layout.fields[f"{MARKS}.mark"].offset
-        return Taps(layout, mark, options, words(layout, [options.parent_signal], place), own)
+        return ChannelMap(layout, mark, options, words(layout, [options.parent_signal], place), own)
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return one.options.model_copy(update={"thresholds": other.options.thresholds}) == other.options
 
-    def ready(self, taps: Taps) -> None:
-        theirs, ours = taps.options, (self._frame, self._parent)
+    def ready(self, channel_map: ChannelMap) -> None:
+        theirs, ours = channel_map.options, (self._frame, self._parent)
         if (theirs.frame, theirs.parent) != ours:
             problem = f"it is of '{theirs.frame}' in '{theirs.parent}', not of '{ours[0]}' in '{ours[1]}'"
             raise RequestError("--recording", problem, "Name a recording of this frame: --option frame=NAME")
@@ -172,7 +172,7 @@ class FrameMethod(Method[Taps, Result]):
                 problem = f"it was measured with '{device}' of serial {was}; now it is {serial}"
                 raise RequestError("--recording", problem, "Name the profile with which it was recorded")
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         self.ready(older)
         self._plan = older.options.plan
         self._thresholds = kept(older.options.thresholds, self._thresholds)
@@ -190,11 +190,11 @@ class FrameMethod(Method[Taps, Result]):
             done = {n: poses[0] for n, poses in held(joined(before), self._plan, self._thresholds)[0].items()}
         return Procedure(self._plan, self._thresholds, done)
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
-        plan, thresholds = taps.options.plan, taps.options.thresholds
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+        plan, thresholds = channel_map.options.plan, channel_map.options.thresholds
         found, noise = held(joined(parts), plan, thresholds)
         mount = fit(plan.what, *pairs(found, plan), noise, thresholds)
-        return Result(taps.options, taps.simulated, mount, date, refusals(mount, thresholds))
+        return Result(channel_map.options, channel_map.simulated, mount, date, refusals(mount, thresholds))
 
     def record(self, result: Result) -> FrameRecord:
         mount, options = result.mount, result.options
@@ -220,7 +220,7 @@ def _pose(pose: NDArray[np.float64]) -> dict[str, list[float]]:
     return {"position": pose[:3].round(7).tolist(), "quaternion": pose[3:].round(9).tolist()}
 
 
-def _frame(order: Order, checked: Profile, source: Source) -> str:
+def _frame(order: CalibrationRequest, checked: Profile, source: Source) -> str:
     """The frame that is meant. Raises RequestError, ProfileError."""
     calibrated = [name for name, entry in checked.frames.items() if entry.calibration is not None]
     for text in order.option:

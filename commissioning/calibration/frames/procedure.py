@@ -15,7 +15,7 @@ from srl.commissioning.calibration.guided import Bar
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction, Lead, Rest
 
-_PATIENCE: Final = 10.0  # s at a place that is like one before
+_TIMEOUT: Final = 10.0  # s at a place that is like one before
 
 
 class Kind(Enum):
@@ -42,19 +42,19 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
 
     step: Step
     task: str
     lack: str
     missing: str
     states: tuple[str, ...]
-    told: tuple[Bar, ...]
+    reported: tuple[Bar, ...]
     things: str
 
     def bars(self) -> tuple[Bar, ...]:
         """How far it is."""
-        return self.told
+        return self.reported
 
 
 class Procedure:
@@ -114,7 +114,7 @@ class Procedure:
             return
         if self._like() is None:
             self._begin(Step(Kind.HOLD, self.step.number))
-        elif self._times[-1] > self._since + _PATIENCE:
+        elif self._times[-1] > self._since + _TIMEOUT:
             self._begin(Step(Kind.GO, self.step.number))
 
     def _drop_old(self) -> None:
@@ -204,12 +204,12 @@ class Procedure:
             text = f"{1000 * moved:.1f} mm, at most {1000 * most:g}"
             still = Bar("still", min(moved / (2.0 * most), 1.0), text, moved <= most)
         share = self._elapsed() / self.plan.hold if self.step.kind is Kind.HOLD else float(self.done)
-        told = [Bar("held", min(share, 1.0), f"{self._one} {self.step.number}" if self.step.number else ""), still]
+        reported = [Bar("held", min(share, 1.0), f"{self._one} {self.step.number}" if self.step.number else ""), still]
         for name, poses in (("in parent", self._parent), ("in frame", self._frame)):
             if len(poses):
                 x, y, z = poses[-1][:3]
-                told.append(Bar(name, None, f"{x:8.4f} {y:8.4f} {z:8.4f} m"))
-        return tuple(told)
+                reported.append(Bar(name, None, f"{x:8.4f} {y:8.4f} {z:8.4f} m"))
+        return tuple(reported)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

@@ -48,10 +48,10 @@ def lines(result: Result) -> list[str]:
     found = [
         f"{what}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}, "
         f"{len(mount.numbers)} {mount.what}",
-        f"{_told(mount.pose)} (uncertain by {1000 * place:.2f} mm, {np.degrees(turn):.3f} degrees)",
+        f"{_reported(mount.pose)} (uncertain by {1000 * place:.2f} mm, {np.degrees(turn):.3f} degrees)",
     ]
     if mount.body is not None:
-        found.append(f"{options.parent_signal} in {options.frame_signal}: {_told(mount.body)}")
+        found.append(f"{options.parent_signal} in {options.frame_signal}: {_reported(mount.body)}")
     worst = int(mount.without.argmax())
     turned = f", {np.degrees(mount.askew.max()):.3f} degrees" if mount.what == "poses" else ""
     found.append(
@@ -61,7 +61,7 @@ def lines(result: Result) -> list[str]:
     return found
 
 
-def figures(result: Result) -> dict[str, Any]:
+def metrics(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     mount, options = result.mount, result.options
     each = zip(mount.numbers, mount.left, mount.askew, mount.without, strict=True)
@@ -123,6 +123,6 @@ def placed(mount: Mount) -> Array:
     return np.array([(T @ homogeneous(pose) @ body)[:3, 3] for pose in mount.frame])
 
 
-def _told(pose: Array) -> str:
+def _reported(pose: Array) -> str:
     x, y, z, qw, qx, qy, qz = pose.round(6) + 0.0
     return f"position {x:.5f} {y:.5f} {z:.5f} m, quaternion {qw:.6f} {qx:.6f} {qy:.6f} {qz:.6f}"

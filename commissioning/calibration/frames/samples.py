@@ -92,9 +92,9 @@ class Plan(Options):
         if self.count < FEWEST[self.what]:
             raise ValueError(f"{self.count} {self.what} don't find a frame: {FEWEST[self.what]} are needed")
         if self.known and (order := exchanged(np.array(self.known))):
-            told = ", ".join(map(str, order))
+            reported = ", ".join(map(str, order))
             raise ValueError(
-                f"touched in the order {told} the known points fit as well, and the frame is turned: "
+                f"touched in the order {reported} the known points fit as well, and the frame is turned: "
                 "take points whose distances differ by 20 mm"
             )
         return self

@@ -13,7 +13,6 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.cut import cut_to, elements, find
 from srl.commissioning.calibration.ft import report as ft_report
 from srl.commissioning.calibration.ft.fit import FEWEST, FtError, Thresholds, bias_alone, fit, refusals
 from srl.commissioning.calibration.ft.procedure import Procedure
@@ -22,8 +21,9 @@ from srl.commissioning.calibration.ft.samples import LEFT_OUT, FtMarksConfig, Pl
 from srl.commissioning.calibration.in_hand import take_in_hand
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.order import Order
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.profile_subset import elements, find, subset_for
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.control.cobot.ft_record import FORMAT, FtRecord
 from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
 from srl.runtime.contracts.terms import WRENCH
@@ -37,7 +37,7 @@ MARKS: Final = "ft-marks"
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
+class ChannelMap(RunChannels):
     """What is read of a sensor. Attributes: `options` of the marks' law; `wrench` (6,); `frame`, of it."""
 
     options: FtMarksConfig
@@ -58,7 +58,7 @@ class Taps(RunTaps):
         return Samples(self.times(rows), floats[:, self.wrench], self.marks(floats))
 
 
-class FtMethod(Method[Taps, Result]):
+class FtMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     name, law, option, kind, error = "ft", LAW, "calibration", FtRecord, FtError
@@ -66,7 +66,7 @@ class FtMethod(Method[Taps, Result]):
     thing = "poses"
     report: ClassVar[ModuleType] = ft_report
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = settings(order, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
@@ -91,7 +91,7 @@ class FtMethod(Method[Taps, Result]):
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, self._plan, self._thresholds)
-        return cut_to(self.checked, self.source, LAW, ("wrench",), marks, self.order.sim, ("wrench",), self._held)
+        return subset_for(self.checked, self.source, LAW, ("wrench",), marks, self.order.sim, ("wrench",), self._held)
 
     def _held(self, plain: dict[str, Any]) -> None:
         """Nothing that the profile describes is there, but the sensor and what the person holds in the hands."""
@@ -104,7 +104,7 @@ class FtMethod(Method[Taps, Result]):
         else:
             plain["frames"] = {}
 
-    def taps(self, layout: Layout, place: str) -> Taps:
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong to which pose isn't known"
@@ -112,12 +112,12 @@ class FtMethod(Method[Taps, Result]):
         options = FtMarksConfig.model_validate(entry.options)
         wrench = words(layout, list(options.wrench.values()), place)
         frame = layout.fields[options.signal].frame
-        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, wrench, frame)
+        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, wrench, frame)
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return (one.options.signal, one.options.plan.poses) == (other.options.signal, other.options.plan.poses)
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         self._plan = older.options.plan
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
@@ -132,13 +132,15 @@ class FtMethod(Method[Taps, Result]):
         done = poses(joined(before), self._plan, self._thresholds)[0] if before else None
         return Procedure(self._plan, self._thresholds, done)
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
-        plan, thresholds = taps.options.plan, taps.options.thresholds
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+        plan, thresholds = channel_map.options.plan, channel_map.options.thresholds
         found, noise = poses(joined(parts), plan, thresholds)
         numbers, wrench = tuple(found), np.array(list(found.values()))
         alone = plan.poses == 1
         load = bias_alone(numbers[0], wrench[0], noise) if alone else fit(numbers, wrench, noise, thresholds)
-        return Result(taps.options, taps.frame, taps.simulated, load, date, refusals(load, thresholds))
+        return Result(
+            channel_map.options, channel_map.frame, channel_map.simulated, load, date, refusals(load, thresholds)
+        )
 
     def record(self, result: Result) -> FtRecord:
         load = result.load

@@ -53,19 +53,19 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
 
     step: Step
     task: str
     lack: str
     missing: str
     states: tuple[str, ...]
-    told: tuple[Bar, ...]
+    reported: tuple[Bar, ...]
     things: ClassVar[str] = "poses"
 
     def bars(self) -> tuple[Bar, ...]:
         """How far it is."""
-        return self.told
+        return self.reported
 
 
 class Procedure:
@@ -184,12 +184,12 @@ class Procedure:
         if np.isfinite(moved):
             still = Bar("still", min(moved / (2.0 * most), 1.0), f"{moved:.2f} N, at most {most:g}", moved <= most)
         held = self._elapsed() / self.plan.hold if self.step.kind is Kind.HOLD else float(self.done)
-        told = [Bar("held", min(held, 1.0), f"pose {self.step.pose}" if self.step.pose else ""), still]
+        reported = [Bar("held", min(held, 1.0), f"pose {self.step.pose}" if self.step.pose else ""), still]
         if len(self._wrench):
             fx, fy, fz, tx, ty, tz = self._wrench[-1]
-            told.append(Bar("force", None, f"{fx:7.2f} {fy:7.2f} {fz:7.2f} N"))
-            told.append(Bar("torque", None, f"{tx:7.3f} {ty:7.3f} {tz:7.3f} N m"))
-        return tuple(told)
+            reported.append(Bar("force", None, f"{fx:7.2f} {fy:7.2f} {fz:7.2f} N"))
+            reported.append(Bar("torque", None, f"{tx:7.3f} {ty:7.3f} {tz:7.3f} N m"))
+        return tuple(reported)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.commissioning.calibration import device_cut
-from srl.commissioning.calibration.cut import cut_devices
 from srl.commissioning.calibration.glove import report as glove_report
 from srl.commissioning.calibration.glove.fit import GloveError, Thresholds, fit, refusals
 from srl.commissioning.calibration.glove.procedure import Procedure
@@ -22,8 +21,9 @@ from srl.commissioning.calibration.glove.samples import GloveMarksConfig, Plan, 
 from srl.commissioning.calibration.glove.shapes import LAST, Angles
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.order import Order
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.profile_subset import subset_of_devices
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError, nearest
 from srl.runtime.contracts.glove_record import FORMAT, GloveRecord
 from srl.runtime.ipc.layout import Layout
@@ -38,7 +38,7 @@ VENDORS: Final = ".cal"
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
+class ChannelMap(RunChannels):
     """What is read of a glove. Attributes: `options` of the marks' law; `raw` (n,), of all sensors."""
 
     options: GloveMarksConfig
@@ -58,14 +58,14 @@ class Taps(RunTaps):
         return Samples(self.times(rows), floats[:, self.raw], self.marks(floats))
 
 
-class GloveMethod(Method[Taps, Result]):
+class GloveMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     name, law, option, kind, error = NAME, "", "calibration", GloveRecord, GloveError
     thing = "shapes"
     report: ClassVar[ModuleType] = glove_report
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = _settings(order)
         self._plan, self._angles, self._thresholds = found["plan"], found["angles"], found["thresholds"]
@@ -75,7 +75,7 @@ class GloveMethod(Method[Taps, Result]):
             raise RequestError("-o", problem, "Name another: -o p07.json")
 
     @classmethod
-    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         chosen = _settings(order)["plan"].device
         return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
 
@@ -83,7 +83,7 @@ class GloveMethod(Method[Taps, Result]):
         def marks(graph: Graph) -> dict[str, Any]:
             return self._marks(person, graph)
 
-        return cut_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
+        return subset_of_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
 
     def _bare(self, plain: dict[str, Any]) -> None:
         """The glove gives its counts, and a simulated hand does what it is told; nothing else is there."""
@@ -104,7 +104,7 @@ class GloveMethod(Method[Taps, Result]):
             remedy = f"Add one, or name it: sim.devices.{self._device}.part"
             raise ProfileError(self.source.place("sim.parts"), problem, remedy)
         part = {key: value for key, value in parts[hand].items() if key != "at"}
-        part["wearer"] = {"told": True, "miss": (part.get("wearer") or {}).get("miss", 0.0)}
+        part["wearer"] = {"instructed": True, "miss": (part.get("wearer") or {}).get("miss", 0.0)}
         sim["parts"] = {hand: part}
         sim.pop("floor", None)  # the hand's origin lies in it, with the arm left out
 
@@ -132,32 +132,34 @@ class GloveMethod(Method[Taps, Result]):
         if set(sensors) <= set(self._plan.left):
             raise RequestError("--option average", "no sensor is left to calibrate", "Name fewer")
 
-    def taps(self, layout: Layout, place: str) -> Taps:
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong to which shape isn't known"
             raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {NAME}`")
         options = GloveMarksConfig.model_validate(entry.options)
         raw = words(layout, [f"{options.signal}[{name}]" for name in options.sensors], place)
-        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, raw)
+        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, raw)
 
-    def ready(self, taps: Taps) -> None:
-        self._is_ours(taps, "--recording")
+    def ready(self, channel_map: ChannelMap) -> None:
+        self._is_ours(channel_map, "--recording")
 
-    def _is_ours(self, taps: Taps, place: str) -> None:
+    def _is_ours(self, channel_map: ChannelMap, place: str) -> None:
         """Raises RequestError: it is of another hand's glove, or of one with other sensors, than the profile's."""
-        if taps.options.hand != (ours := self.checked.devices[self._device].options.get("hand", "right")):
-            problem = f"it is of a {taps.options.hand} hand, the profile's glove of a {ours} one"
+        if channel_map.options.hand != (ours := self.checked.devices[self._device].options.get("hand", "right")):
+            problem = f"it is of a {channel_map.options.hand} hand, the profile's glove of a {ours} one"
             raise RequestError(place, problem, "Name a recording of this glove")
-        if taps.options.sensors != (sensors := self._sensors()):
-            problem = f"it is of a glove of {len(taps.options.sensors)} sensors, the profile's has {len(sensors)}"
+        if channel_map.options.sensors != (sensors := self._sensors()):
+            problem = (
+                f"it is of a glove of {len(channel_map.options.sensors)} sensors, the profile's has {len(sensors)}"
+            )
             raise RequestError(place, problem, "Name a recording of this glove")
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         keys = ("signal", "hand", "sensors", "angles", "plan")
         return all(getattr(one.options, key) == getattr(other.options, key) for key in keys)
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         self._is_ours(older, "--from" if self.order.redo else "--recording")  # its samples are joined with ours
         self._plan, self._angles = kept(older.options.plan, self._plan), kept(older.options.angles, self._angles)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
@@ -179,12 +181,12 @@ class GloveMethod(Method[Taps, Result]):
         (entry,) = made.controllers
         return tuple(entry.options["sensors"])
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
-        options = taps.options
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+        options = channel_map.options
         found = held(joined(parts), options.own, options.angles, options.plan, options.thresholds)
         glove = fit([options.sensors[i] for i in options.own], found, options.angles)
         refused = refusals(glove, options.angles, options.thresholds)
-        return Result(options, taps.simulated, glove, date, refused)
+        return Result(options, channel_map.simulated, glove, date, refused)
 
     def record(self, result: Result) -> GloveRecord:
         glove, options = result.glove, result.options
@@ -202,5 +204,5 @@ class GloveMethod(Method[Taps, Result]):
         )  # fmt: skip
 
 
-def _settings(order: Order) -> dict[str, Any]:
+def _settings(order: CalibrationRequest) -> dict[str, Any]:
     return settings(order, {"plan": Plan, "angles": Angles, "thresholds": Thresholds})

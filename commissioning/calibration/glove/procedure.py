@@ -41,19 +41,19 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
 
     step: Step
     task: str
     lack: str
     missing: str
     states: tuple[str, ...]
-    told: tuple[Bar, ...]
+    reported: tuple[Bar, ...]
     things: ClassVar[str] = "shapes"
 
     def bars(self) -> tuple[Bar, ...]:
         """How far it is."""
-        return self.told
+        return self.reported
 
 
 class Procedure:
@@ -158,13 +158,13 @@ class Procedure:
         if np.isfinite(by):
             still = Bar("still", min(by / (2.0 * most), 1.0), f"{by:.1f} counts, at most {most:g}", by <= most)
         holds = self._elapsed() / self.plan.hold if self.step.kind is Kind.HOLD else float(self.done)
-        told = [Bar("held", min(holds, 1.0), f"shape {self.step.shape}" if self.step.shape else ""), still]
+        reported = [Bar("held", min(holds, 1.0), f"shape {self.step.shape}" if self.step.shape else ""), still]
         if len(self._raw):
             for finger in ("thumb", *FINGERS):
                 own = [i for i, name in enumerate(self._sensors) if name.startswith(f"{finger}_")]
-                said = " ".join("  ?" if np.isnan(v) else f"{v:3.0f}" for v in self._raw[-1, own])
-                told.append(Bar(finger, None, said))
-        return tuple(told)
+                output = " ".join("  ?" if np.isnan(v) else f"{v:3.0f}" for v in self._raw[-1, own])
+                reported.append(Bar(finger, None, output))
+        return tuple(reported)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

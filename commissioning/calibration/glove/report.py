@@ -66,7 +66,7 @@ def lines(result: Result) -> list[str]:
     return found
 
 
-def figures(result: Result) -> dict[str, Any]:
+def metrics(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units, and counts."""
     glove, options = result.glove, result.options
     return {

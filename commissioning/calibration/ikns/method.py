@@ -9,18 +9,18 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, get_args
 
-from srl.commissioning.calibration import cut as cutting
+from srl.commissioning.calibration import profile_subset
 from srl.commissioning.calibration import report as ikns_report
 from srl.commissioning.calibration import result as results
+from srl.commissioning.calibration.channel_map import ChannelMap, channel_map
+from srl.commissioning.calibration.direction import Directions
 from srl.commissioning.calibration.ikns import marks
 from srl.commissioning.calibration.ikns.marks import MarksConfig
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.samples import Samples, ended, joined, seen, stretch
 from srl.commissioning.calibration.method import Method, Say, kept, named, names, settings
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.result import Result
-from srl.commissioning.calibration.sense import Senses
-from srl.commissioning.calibration.taps import Taps, taps
 from srl.control.ikns import record
 from srl.control.ikns.calibration import CalibrationError, Thresholds
 from srl.runtime.contracts.errors import RequestError, nearest
@@ -30,14 +30,14 @@ from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 
 
-class IknsMethod(Method[Taps, Result]):
+class IknsMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    law, option, kind, error = cutting.LAW, "calibration", record.Record, CalibrationError
+    law, option, kind, error = profile_subset.LAW, "calibration", record.Record, CalibrationError
     next, thing = "f DOF flip its sense", "points"
     report: ClassVar[ModuleType] = ikns_report
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         points = [f"points={order.points}"] if order.points is not None else []
         found = settings(order, {"plan": Plan, "thresholds": Thresholds}, points)
@@ -50,23 +50,23 @@ class IknsMethod(Method[Taps, Result]):
                 problem = f"the simulated wearer knows no motion '{name}'"
                 raise RequestError("--dofs", problem, nearest(name, get_args(Dof)))
         file = named(checked, source, type(self))
-        self._senses = Senses(order.sense, [target, *([] if file is None else [file])])
+        self._directions = Directions(order.direction, [target, *([] if file is None else [file])])
 
     def cut(self, person: str) -> tuple[Profile, Source]:
-        return cutting.cut(self.checked, self.source, person, self._dofs, self._thresholds, self.order.sim)
+        return profile_subset.cut(self.checked, self.source, person, self._dofs, self._thresholds, self.order.sim)
 
-    def taps(self, layout: Layout, place: str) -> Taps:
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         own: MarksConfig | None = None
         if self.order.person is not None:  # a plain run's recording says neither whose it is nor where its signals are
             dofs = self._named or ("swivel",)
-            made, _ = cutting.cut(self.checked, self.source, self.order.person, dofs, self._thresholds)
+            made, _ = profile_subset.cut(self.checked, self.source, self.order.person, dofs, self._thresholds)
             own = MarksConfig.model_validate(made.controllers[-1].options)
-        return taps(layout, place, own)
+        return channel_map(layout, place, own)
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return (one.joints, one.options.dofs) == (other.joints, other.options.dofs)
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         thresholds = kept(older.options.thresholds, self._thresholds)
         older = replace(older, options=older.options.model_copy(update={"thresholds": thresholds}))
         if self.order.redo and self._named and older.options.dofs != self._named:
@@ -78,15 +78,15 @@ class IknsMethod(Method[Taps, Result]):
     def ended(self, samples: Samples) -> Samples:
         return ended(samples)
 
-    def ready(self, taps: Taps) -> None:
+    def ready(self, channel_map: ChannelMap) -> None:
         """Checks what the command line says of the sense."""
-        flip, options = self.order.flip, taps.options
+        flip, options = self.order.flip, channel_map.options
         for dof in flip:
             if dof not in options.dofs:
                 raise RequestError("--flip", f"there is no degree of freedom '{dof}'", nearest(dof, options.dofs))
             if flip.count(dof) > 1:
                 raise RequestError("--flip", f"'{dof}' is named twice, which would turn nothing", "Name it once")
-        if self._senses.of(options) is None and (self.order.recording or self.order.redo):
+        if self._directions.of(options) is None and (self.order.recording or self.order.redo):
             self.say(
                 f"No calibration file of {options.person} with these joints stands there, so the sense is as computed: "
                 "what was turned round before (--flip, f) isn't in a recording. --sense FILE takes it from a file"
@@ -99,8 +99,8 @@ class IknsMethod(Method[Taps, Result]):
             explored = seen(samples, stretch(samples, marks.EXPLORATION))
         return Procedure(self._dofs, self._thresholds, self._plan, explored)
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
-        result = self._senses.kept(results.compute(taps, parts, date))
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+        result = self._directions.kept(results.compute(channel_map, parts, date))
         for dof in self._turned:
             result = result.flipped(dof)
         return result

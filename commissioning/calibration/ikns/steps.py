@@ -83,13 +83,13 @@ class View:
     def bars(self) -> list[Bar]:
         """How far it is."""
         seen, slow = np.isfinite(self.speed), np.isfinite(self.speed) and self.speed < _CALM
-        said = f"{100 * self.speed:.1f} cm/s" if seen else "not seen"
+        output = f"{100 * self.speed:.1f} cm/s" if seen else "not seen"
         bars = [
             Bar("step", self.progress, self.step.kind.value),
             Bar(
                 "hand's speed",
                 min(self.speed / 0.1, 1.0) if seen else 1.0,
-                f"{said}, below 5 counts as still",
+                f"{output}, below 5 counts as still",
                 bool(slow),
             ),
         ]

@@ -13,15 +13,15 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.cut import cut_to, elements
 from srl.commissioning.calibration.intention import report as intention_report
 from srl.commissioning.calibration.intention.marks import IntentionMarksConfig
 from srl.commissioning.calibration.intention.procedure import ACTIONS, Plan, Procedure
 from srl.commissioning.calibration.intention.report import Result
 from srl.commissioning.calibration.intention.samples import Samples, ended, trials
 from srl.commissioning.calibration.method import Method, Say, kept, names, settings
-from srl.commissioning.calibration.order import Order
-from srl.commissioning.calibration.suit.taps import SuitTaps
+from srl.commissioning.calibration.profile_subset import elements, subset_for
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.suit.channel_map import SuitChannelMap
 from srl.control.intention.features import frames, joints, trunk_of
 from srl.control.intention.record import Record
 from srl.control.intention.training import BACKGROUND, Thresholds, TrainingError, refusals, train
@@ -36,7 +36,7 @@ MARKS: Final = "intention-marks"
 
 
 @dataclass(frozen=True)
-class Taps(SuitTaps[IntentionMarksConfig]):
+class ChannelMap(SuitChannelMap[IntentionMarksConfig]):
     """What is read of a suit whose wearer does actions."""
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
@@ -45,14 +45,14 @@ class Taps(SuitTaps[IntentionMarksConfig]):
         return Samples(self.times(rows), frames(*self.poses(floats)), self.marks(floats))
 
 
-class IntentionMethod(Method[Taps, Result]):
+class IntentionMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     law, option, kind, error = LAW, "recogniser", Record, TrainingError
     thing = "actions"
     report: ClassVar[ModuleType] = intention_report
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = settings(order, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
@@ -69,18 +69,18 @@ class IntentionMethod(Method[Taps, Result]):
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, person, self._actions, self._thresholds)
-        return cut_to(self.checked, self.source, LAW, ("rotation", "translation"), marks, self.order.sim)
+        return subset_for(self.checked, self.source, LAW, ("rotation", "translation"), marks, self.order.sim)
 
-    def taps(self, layout: Layout, place: str) -> Taps:
-        return Taps.find(
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
+        return ChannelMap.find(
             layout, place, MARKS, lambda entry, _: IntentionMarksConfig.model_validate(entry),
             "which samples belong to which action", LAW,
         )  # fmt: skip
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return (one.options.actions, one.options.trunk) == (other.options.actions, other.options.trunk)
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         if self.order.actions and older.options.actions != self._actions:
             problem = f"they are of {', '.join(older.options.actions)}"
             raise RequestError("--actions", problem, "Name recordings of the same actions")
@@ -95,22 +95,22 @@ class IntentionMethod(Method[Taps, Result]):
     def procedure(self, before: Sequence[Any]) -> Procedure:
         return Procedure(self._actions, self._plan, bool(before))
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
-        thresholds = taps.options.thresholds
-        made, held = train(trials(_joined(parts), taps.options.actions, thresholds), thresholds)
-        return Result(taps, made, held, date, refusals(made, held, thresholds))
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+        thresholds = channel_map.options.thresholds
+        made, held = train(trials(_joined(parts), channel_map.options.actions, thresholds), thresholds)
+        return Result(channel_map, made, held, date, refusals(made, held, thresholds))
 
     def record(self, result: Result) -> Record:
         options = self._options(result)
         return Record.of(
             result.made, result.held, options.thresholds, person=options.person, date=result.date,
-            simulated=result.taps.simulated, trunk=options.trunk,
+            simulated=result.channel_map.simulated, trunk=options.trunk,
         )  # fmt: skip
 
     @staticmethod
     def _options(result: Result) -> IntentionMarksConfig:
-        assert isinstance(result.taps, Taps)
-        return result.taps.options
+        assert isinstance(result.channel_map, ChannelMap)
+        return result.channel_map.options
 
 
 def _joined(parts: Sequence[Samples]) -> list[Samples]:

@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from srl.commissioning.calibration.picture import save
-from srl.commissioning.calibration.run_taps import RunTaps
+from srl.commissioning.calibration.run_channels import RunChannels
 from srl.control.intention.training import Held, Recogniser, TrainingError
 
 
@@ -24,27 +24,27 @@ class Result:
     """A recogniser with what its report tells.
 
     Attributes:
-        taps: whose it is.
+        channel_map: whose it is.
         made: the recogniser.
         held: what it is worth on what was held out, a round at a time.
         date: of the recording.
         refusals: why it can't be used; none if it can.
     """
 
-    taps: RunTaps
+    channel_map: RunChannels
     made: Recogniser
     held: Held
     date: datetime.date
     refusals: tuple[TrainingError, ...]
 
 
-def figures(result: Result) -> dict[str, Any]:
+def metrics(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     held, names = result.held, result.made.labels
     return {
-        "person": result.taps.person,
+        "person": result.channel_map.person,
         "date": result.date.isoformat(),
-        "simulated": result.taps.simulated,
+        "simulated": result.channel_map.simulated,
         "accuracy": held.accuracy,
         "rejected": held.rejected,
         "found": float(held.found.sum() / held.trials.sum()),
@@ -70,21 +70,22 @@ def figures(result: Result) -> dict[str, Any]:
 
 def lines(result: Result) -> list[str]:
     """The report as text."""
-    told = figures(result)
-    who = f"person {told['person']}{' (simulated)' if told['simulated'] else ''}"
+    reported = metrics(result)
+    who = f"person {reported['person']}{' (simulated)' if reported['simulated'] else ''}"
     text = [
-        f"{who}, {told['date']}: {len(told['actions'])} actions; each round held out in turn: {told['accuracy']:.1%} "
-        f"of the windows are what they are taken for, {told['rejected']:.1%} rejected; "
-        f"{told['found']:.0%} of the actions found"
+        f"{who}, {reported['date']}: {len(reported['actions'])} actions; each round held out in turn: "
+        f"{reported['accuracy']:.1%} "
+        f"of the windows are what they are taken for, {reported['rejected']:.1%} rejected; "
+        f"{reported['found']:.0%} of the actions found"
     ]
     text.append("  action          windows right  rejected  found  another too  after s")
-    for name, row in told["actions"].items():
+    for name, row in reported["actions"].items():
         delay = "-" if row["delay_s"] is None else f"{row['delay_s']:.2f}"
         text.append(
             f"  {name:<14}  {row['recall']:13.0%}  {row['rejected']:8.0%}  {row['found']:2d}/{row['trials']:<2d}"
             f"  {row['wrong']:11d}  {delay:>7}"
         )
-    text.append(f"  standing and walking for {told['background_s']:.0f} s: {told['alarms']} actions found")
+    text.append(f"  standing and walking for {reported['background_s']:.0f} s: {reported['alarms']} actions found")
     return text
 
 
@@ -112,7 +113,7 @@ def draw(result: Result, png: Path) -> None:
     right.invert_yaxis()
     right.set_xlim(0.0, 1.0)
     right.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=2)
-    who = f"{result.taps.person}{' (simulated)' if result.taps.simulated else ''}"
+    who = f"{result.channel_map.person}{' (simulated)' if result.channel_map.simulated else ''}"
     figure.suptitle(
         f"Recogniser of {who}, {result.date.isoformat()}: each round held out, {held.accuracy:.1%} right", fontsize=11
     )

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.commissioning.calibration import device_cut
-from srl.commissioning.calibration.drive import Drive
+from srl.commissioning.calibration.actuator_access import Drive
 from srl.commissioning.calibration.keyed import Keyed
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.order import Order
 from srl.commissioning.calibration.panel import PanelScreen
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.servos import report as servo_report
 from srl.commissioning.calibration.servos.fit import Seat, ServoError, Thresholds, refusals, seat
@@ -37,10 +37,10 @@ from srl.commissioning.calibration.servos.samples import (
     joined,
     left_out,
 )  # fmt: skip
-from srl.commissioning.calibration.simulated_drive import SimulatedDrive
+from srl.commissioning.calibration.simulated_access import SimulatedDrive
 from srl.commissioning.calibration.sources import RowSource
-from srl.commissioning.jog.cut import Cut
-from srl.commissioning.jog.cut import cut as jog_cut
+from srl.commissioning.jog.profile_subset import Cut
+from srl.commissioning.jog.profile_subset import cut as jog_cut
 from srl.runtime.contracts import registry, servo_record
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import RecordingError, RequestError, SrlError, WiringError
@@ -59,7 +59,7 @@ _HAND: Final = "human-hand"
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
+class ChannelMap(RunChannels):
     """What is read of servos. Attributes: `options` of the marks' law; `angles` (n,), of all joints."""
 
     options: ServoMarksConfig
@@ -88,7 +88,7 @@ class Taps(RunTaps):
         return Samples(self.times(rows), floats[:, self.angles], self.marks(floats))
 
 
-class ServoMethod(Method[Taps, Result]):
+class ServoMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     name, law, option, kind, error = WHAT, "", "calibration", ServoRecord, ServoError
@@ -96,7 +96,7 @@ class ServoMethod(Method[Taps, Result]):
     thing = "joints"
     report: ClassVar[ModuleType] = servo_report
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = _settings(order)
         self._plan, self._thresholds = found["plan"], found["thresholds"]
@@ -116,7 +116,7 @@ class ServoMethod(Method[Taps, Result]):
             raise RequestError(error.place, error.problem, error.remedy) from None
 
     @classmethod
-    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         chosen = _settings(order)["plan"].device
         return device_cut.named(checked, source, device_cut.device(checked, source, WHAT, chosen))
 
@@ -220,7 +220,7 @@ class ServoMethod(Method[Taps, Result]):
         plain["controllers"].append(self._marks())
         for part in ((plain.get("sim") or {}).get("parts") or {}).values():
             if part.get("part") == _HAND:  # it would play its own plan, and push the limb
-                part["wearer"] = {"told": True}
+                part["wearer"] = {"instructed": True}
         own, text = parsed(plain, made.source, [])
         graph = wiring.build(own, text, [] if self.order.sim else None)
         (actuator,) = graph.actuators
@@ -246,36 +246,38 @@ class ServoMethod(Method[Taps, Result]):
     # -- the session
 
     def simulated(self, made: Profile, text: Source) -> RowSource:
-        return SimulatedDrive(self.driven, self.taps, self.say, self.order.record)
+        return SimulatedDrive(self.driven, self.channel_map, self.say, self.order.record)
 
     def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
         if not isinstance(screen, PanelScreen):
             screen = Keyed(f"srl calibrate {self.order.profile} {WHAT}: {self._device}")
-        return Drive(self.driven, self.taps, name, record, self.order.view, screen, self.say)
+        return Drive(self.driven, self.channel_map, name, record, self.order.view, screen, self.say)
 
-    def taps(self, layout: Layout, place: str) -> Taps:
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong to which angle isn't known"
             raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {WHAT}`")
         options = ServoMarksConfig.model_validate(entry.options)
         where = words(layout, [f"{options.signal}[{name}]" for name in options.joints], place)
-        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, where)
+        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, where)
 
-    def ready(self, taps: Taps) -> None:
-        if (taps.options.device, taps.options.driver) != (self._device, self._driver_name):
-            problem = f"it is of the device '{taps.options.device}' ({taps.options.driver})"
+    def ready(self, channel_map: ChannelMap) -> None:
+        if (channel_map.options.device, channel_map.options.driver) != (self._device, self._driver_name):
+            problem = f"it is of the device '{channel_map.options.device}' ({channel_map.options.driver})"
             raise RequestError("--recording", problem, f"Name a recording of '{self._device}' ({self._driver_name})")
         ours = {name: dict(joint.entry) for name, joint in self._joints.items()}
-        if taps.options.joints != ours:
-            name = next(n for n in taps.options.joints.keys() | ours if taps.options.joints.get(n) != ours.get(n))
+        if channel_map.options.joints != ours:
+            name = next(
+                n for n in channel_map.options.joints.keys() | ours if channel_map.options.joints.get(n) != ours.get(n)
+            )
             problem = f"its joint '{name}' isn't as in the profile: other options, or none of this name"
             raise RequestError("--recording", problem, "Set the profile as it was, or calibrate from the beginning")
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return all(getattr(one.options, key) == getattr(other.options, key) for key in ("device", "driver", "joints"))
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         self.ready(older)  # its samples are joined with ours
         self._plan = kept(older.options.plan, self._plan)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
@@ -306,8 +308,8 @@ class ServoMethod(Method[Taps, Result]):
         one, two = (held(samples, i, second, self._plan, self._thresholds) for second in (False, True))
         return None if one is None or two is None else (one, two)
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
-        options, samples, limits = taps.options, joined(parts), self._thresholds
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+        options, samples, limits = channel_map.options, joined(parts), self._thresholds
         names = tuple(options.joints)
         first = dict.fromkeys(names, 0.0) | angles(self._plan.first, names, "first")
         second = angles(self._plan.second, names, "second")
@@ -334,7 +336,7 @@ class ServoMethod(Method[Taps, Result]):
         if not found:
             raise ServoError("joints", "all are left out", "Calibrate one at least")
         plan = options.model_copy(update={"plan": self._plan, "thresholds": limits})
-        return Result(plan, taps.simulated, tuple(found), tuple(left), date, tuple(refused))
+        return Result(plan, channel_map.simulated, tuple(found), tuple(left), date, tuple(refused))
 
     def record(self, result: Result) -> ServoRecord:
         options = result.options
@@ -354,5 +356,5 @@ class ServoMethod(Method[Taps, Result]):
         )  # fmt: skip
 
 
-def _settings(order: Order) -> dict[str, Any]:
+def _settings(order: CalibrationRequest) -> dict[str, Any]:
     return settings(order, {"plan": Plan, "thresholds": Thresholds})

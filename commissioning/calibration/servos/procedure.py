@@ -57,19 +57,19 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
 
     step: Step
     task: str
     lack: str
     missing: str
     states: tuple[str, ...]
-    told: tuple[Bar, ...]
+    reported: tuple[Bar, ...]
     things: ClassVar[str] = "joints"
 
     def bars(self) -> tuple[Bar, ...]:
         """How far it is."""
-        return self.told
+        return self.reported
 
 
 class Procedure:
@@ -96,7 +96,7 @@ class Procedure:
         self._out: set[int] = set()
         self._weak: dict[int, str] = {}
         self._at = np.full(len(self._names), np.nan)
-        self._begun = 0.0  # rad, the present joint's first place
+        self._started = 0.0  # rad, the present joint's first place
         self._open = [] if before is not None else list(range(1, len(self._names) + 1))
         self._away = set[int]()  # joints that still have to go home, so that the next run begins where they stand
         if options.home is not None:
@@ -168,25 +168,25 @@ class Procedure:
     def _take(self) -> None:
         mean, joint = float(self._angles.mean()), self.step.joint
         if not self.step.second:
-            self._begun = mean
+            self._started = mean
             self._begin(Step(Kind.MOVE, joint, True))
             return
-        self._found[joint] = self._begun, mean
+        self._found[joint] = self._started, mean
         self._out.discard(joint)
         self._weak.pop(joint, None)
         options, i, name = self.options, joint - 1, self._names[joint - 1]
         try:
             found = self._seat(joint)
         except ServoError as error:
-            told = [error]
+            reported = [error]
         else:
             home = None if options.home is None else options.home[i]
-            told = refusals(
+            reported = refusals(
                 name, found, self._found[joint], self._second.get(name), home, (options.lower[i], options.upper[i]),
                 self._thresholds,
             )  # fmt: skip
-        if told:
-            self._weak[joint] = f"{told[0].problem}. {told[0].remedy}"
+        if reported:
+            self._weak[joint] = f"{reported[0].problem}. {reported[0].remedy}"
         self._open.remove(joint)
         self._next()
 
@@ -218,7 +218,7 @@ class Procedure:
         if step.kind in (Kind.SETTLE, Kind.HOLD):
             return f"it is being taken: {self.plan.hold:g} s"
         if step.kind is Kind.MOVE:
-            if step.second and not abs(self._at[step.joint - 1] - self._begun) >= self._thresholds.apart:
+            if step.second and not abs(self._at[step.joint - 1] - self._started) >= self._thresholds.apart:
                 return f"move it further: by {self._thresholds.apart:g} rad at least"
             self._begin(Step(Kind.SETTLE, step.joint, step.second))
         return ""
@@ -290,14 +290,14 @@ class Procedure:
             return ()
         low, high = self.options.lower[i], self.options.upper[i]
         share = min(max((self._at[i] - low) / (high - low), 0.0), 1.0) if high - low < _TURNS else None
-        told = [Bar(self._names[i], share, f"{self._at[i]:.3f} rad in the profile's own angle")]
+        reported = [Bar(self._names[i], share, f"{self._at[i]:.3f} rad in the profile's own angle")]
         if step.kind is Kind.HOLD:
             elapsed = self._times[-1] - self._times[0] if len(self._times) else 0.0
-            told.append(Bar("held", min(elapsed / self.plan.hold, 1.0), ""))
+            reported.append(Bar("held", min(elapsed / self.plan.hold, 1.0), ""))
         if step.kind is Kind.HOME:
             near = abs(self._to_go()) <= self._thresholds.home
-            told.append(Bar("to go", None, f"{self._to_go():+.3f} rad", near))
-        return tuple(told)
+            reported.append(Bar("to go", None, f"{self._to_go():+.3f} rad", near))
+        return tuple(reported)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

@@ -73,8 +73,8 @@ class Result:
 
 def lines(result: Result) -> list[str]:
     """The report as text."""
-    told = f"{result.options.device}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}"
-    found = [told + (f", by {result.options.plan.by}" if result.options.plan.by else "")]
+    reported = f"{result.options.device}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}"
+    found = [reported + (f", by {result.options.plan.by}" if result.options.plan.by else "")]
     for joint in result.joints:
         seat = joint.seat
         way = "as the profile says" if seat.direction > 0 else "the other way than the profile says"
@@ -88,7 +88,7 @@ def lines(result: Result) -> list[str]:
     return found
 
 
-def figures(result: Result) -> dict[str, Any]:
+def metrics(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     return {
         "device": result.options.device, "driver": result.options.driver, "by": result.options.plan.by,

@@ -9,7 +9,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout
@@ -31,7 +31,7 @@ Marks = TypeVar("Marks", bound=SuitMarks)
 
 
 @dataclass(frozen=True)
-class SuitTaps(RunTaps, Generic[Marks]):
+class SuitChannelMap(RunChannels, Generic[Marks]):
     """Attributes: the marks' `law`, its `options`; `rotation` (4 n,), `translation` (3 n,) of its joints in order."""
 
     law: str

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.commissioning.calibration import device_cut
-from srl.commissioning.calibration.cut import cut_devices
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.order import Order
-from srl.commissioning.calibration.run_taps import RunTaps, marks_law, words
+from srl.commissioning.calibration.profile_subset import subset_of_devices
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.commissioning.calibration.suit import report as suit_report
 from srl.commissioning.calibration.suit.fit import Thresholds, fit, refusals
 from srl.commissioning.calibration.suit.procedure import Procedure
@@ -37,7 +37,7 @@ _BODY: Final = "body"
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
+class ChannelMap(RunChannels):
     """What is read of a suit. Attributes: `options` of the marks' law; `rotation` (4 n,), of its segments."""
 
     options: SuitMarksConfig
@@ -58,14 +58,14 @@ class Taps(RunTaps):
         return Samples(self.times(rows), rotation, self.marks(floats))
 
 
-class SuitMethod(Method[Taps, Result]):
+class SuitMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     name, law, option, kind, error = NAME, "", "calibration", SuitRecord, SuitError
     thing = "stands"
     report: ClassVar[ModuleType] = suit_report
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = settings(order, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
@@ -77,7 +77,7 @@ class SuitMethod(Method[Taps, Result]):
             raise RequestError("--option pose", "the simulated person lets the arms hang", "Leave it out")
 
     @classmethod
-    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         chosen = settings(order, {"plan": Plan, "thresholds": Thresholds})["plan"].device
         return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
 
@@ -85,7 +85,7 @@ class SuitMethod(Method[Taps, Result]):
         def marks(graph: Graph) -> dict[str, Any]:
             return self._marks(person, graph)
 
-        return cut_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
+        return subset_of_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
 
     def _bare(self, plain: dict[str, Any]) -> None:
         """The suit gives what it sends, and a simulated person does what it is told; nothing else is there."""
@@ -121,19 +121,19 @@ class SuitMethod(Method[Taps, Result]):
             "plan": self._plan.model_dump(), "thresholds": self._thresholds.model_dump(),
         }  # fmt: skip
 
-    def taps(self, layout: Layout, place: str) -> Taps:
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong to which stand isn't known"
             raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {NAME}`")
         options = SuitMarksConfig.model_validate(entry.options)
         rotation = words(layout, [f"{options.signal}[{name}]" for name in options.segments], place)
-        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, rotation)
+        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, rotation)
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return False  # a drift is seen within one session
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         self._plan = kept(older.options.plan, self._plan)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         update = {"plan": self._plan, "thresholds": self._thresholds}
@@ -150,11 +150,11 @@ class SuitMethod(Method[Taps, Result]):
         (entry,) = made.controllers
         return Procedure(entry.options["segments"], entry.options["parents"], self._plan, self._thresholds)
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
-        options = taps.options
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+        options = channel_map.options
         found = fit(options.segments, stands(joined(parts), options.parents, options.plan, options.thresholds))
         refused = refusals(found, options.plan.pose, options.thresholds)
-        return Result(options, taps.simulated, found, date, refused)
+        return Result(options, channel_map.simulated, found, date, refused)
 
     def record(self, result: Result) -> SuitRecord:
         found, options = result.found, result.options

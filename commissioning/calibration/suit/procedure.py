@@ -43,19 +43,19 @@ class Step:
 
 @dataclass(frozen=True)
 class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `told`: the bars."""
+    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
 
     step: Step
     task: str
     lack: str
     missing: str
     states: tuple[str, ...]
-    told: tuple[Bar, ...]
+    reported: tuple[Bar, ...]
     things: ClassVar[str] = "stands"
 
     def bars(self) -> tuple[Bar, ...]:
         """How far it is."""
-        return self.told
+        return self.reported
 
 
 class Procedure:
@@ -180,17 +180,19 @@ class Procedure:
         most, by = self._thresholds.still, self._still(self._wait)
         still = Bar("still", None, "")
         if np.isfinite(by):
-            said = f"{np.degrees(by):.1f} degrees, at most {np.degrees(most):.1f}"
-            still = Bar("still", min(by / (2.0 * most), 1.0), said, by <= most)
+            output = f"{np.degrees(by):.1f} degrees, at most {np.degrees(most):.1f}"
+            still = Bar("still", min(by / (2.0 * most), 1.0), output, by <= most)
         if self.step.kind is Kind.WALK:
             gone = 0.0 if np.isnan(self._since) or not len(self._times) else self._times[-1] - self._since
-            told = [Bar("walk", min(gone / self.plan.walk, 1.0), f"{max(self.plan.walk - gone, 0.0):.0f} s left")]
+            reported = [Bar("walk", min(gone / self.plan.walk, 1.0), f"{max(self.plan.walk - gone, 0.0):.0f} s left")]
         else:
             holds = self._elapsed() / self.plan.hold if self.step.kind is Kind.HOLD else float(self.done)
-            told = [Bar("held", min(holds, 1.0), f"stand {self.step.stand}" if self.step.stand else ""), still]
+            reported = [Bar("held", min(holds, 1.0), f"stand {self.step.stand}" if self.step.stand else ""), still]
         if len(self._turned) and np.isfinite(self._turned[-1]).all():
-            told.append(Bar("hips", None, f"heading {np.degrees(float(heading(self._turned[-1, 0]))):6.1f} degrees"))
-        return tuple(told)
+            reported.append(
+                Bar("hips", None, f"heading {np.degrees(float(heading(self._turned[-1, 0]))):6.1f} degrees")
+            )
+        return tuple(reported)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

@@ -43,7 +43,7 @@ def lines(result: Result) -> list[str]:
     """The report as text."""
     found, options = result.found, result.options
     times = found.stands.times
-    told = [
+    reported = [
         f"{options.person}, {options.signal}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}, "
         f"{len(times)} stands in {(times[-1] - times[0]) / 60.0:.1f} min",
         f"heading at the end: {np.degrees(found.heading):.1f} degrees to the left (standard deviation "
@@ -52,19 +52,19 @@ def lines(result: Result) -> list[str]:
     ]
     for i, name in enumerate(found.segments):
         own = "" if found.measured[i] else "  no sensor of its own"
-        told.append(
+        reported.append(
             f"{name:<16} {PER_MINUTE * found.rates[i]:+13.2f}  {PER_MINUTE * found.uncertain[i]:9.2f}  "
             f"{np.degrees(found.tilts[:, i].max()):21.1f}{own}"
         )
-    told.append(
+    reported.append(
         f"hips and chest together: {PER_MINUTE * found.whole:+.2f} deg/min: the suit's drift, or how the person "
         "stood, which can't be told apart"
     )
-    told.append("the heading is corrected, drift is not: it needn't go on like this")
-    return told
+    reported.append("the heading is corrected, drift is not: it needn't go on like this")
+    return reported
 
 
-def figures(result: Result) -> dict[str, Any]:
+def metrics(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     found, options = result.found, result.options
     return {

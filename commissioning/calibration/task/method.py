@@ -17,12 +17,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.cut import cut_to, elements
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.order import Order
 from srl.commissioning.calibration.picture import save
-from srl.commissioning.calibration.suit.taps import SuitTaps
+from srl.commissioning.calibration.profile_subset import elements, subset_for
+from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.suit.channel_map import SuitChannelMap
 from srl.commissioning.calibration.task.procedure import Plan, Procedure
 from srl.commissioning.calibration.task.samples import IDLE, SHOWN, Samples, TaskMarksConfig
 from srl.control.operation.demonstration import TaskError, TaskPath, Thresholds, path_of
@@ -41,7 +41,7 @@ MARKS: Final = "task-marks"
 
 
 @dataclass(frozen=True)
-class Taps(SuitTaps[TaskMarksConfig]):
+class ChannelMap(SuitChannelMap[TaskMarksConfig]):
     """What is read of a suit whose wearer shows a path."""
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
@@ -61,20 +61,20 @@ class Taps(SuitTaps[TaskMarksConfig]):
 class Result:
     """A path with what its report tells. `refusals`: none; a path that can't be used isn't computed."""
 
-    taps: Taps
+    channel_map: ChannelMap
     path: TaskPath
     shown: Array  # (k, 3) m, the hand's samples
     date: datetime.date
     refusals: tuple[TaskError, ...] = ()
 
 
-class TaskMethod(Method[Taps, Result]):
+class TaskMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     law, option, kind, error = LAW, "task", TaskRecord, TaskError
     thing = "tasks"
 
-    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
         found = settings(order, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
@@ -82,19 +82,19 @@ class TaskMethod(Method[Taps, Result]):
     def cut(self, person: str) -> tuple[Profile, Source]:
         reads = ("rotation", "translation")
         marks = partial(_marks, person, self._thresholds)
-        return cut_to(self.checked, self.source, LAW, reads, marks, self.order.sim, reads)
+        return subset_for(self.checked, self.source, LAW, reads, marks, self.order.sim, reads)
 
-    def taps(self, layout: Layout, place: str) -> Taps:
-        return Taps.find(
+    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
+        return ChannelMap.find(
             layout, place, MARKS,
             lambda entry, checked: TaskMarksConfig.model_validate(entry, context=context(checked.models)),
             "when the task was shown", LAW,
         )  # fmt: skip
 
-    def same(self, one: Taps, other: Taps) -> bool:
+    def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return one.options.hand == other.options.hand
 
-    def take(self, older: Taps) -> Taps:
+    def take(self, older: ChannelMap) -> ChannelMap:
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
 
@@ -107,30 +107,32 @@ class TaskMethod(Method[Taps, Result]):
     def procedure(self, before: Sequence[Any]) -> Procedure:
         return Procedure(self._plan, bool(before))
 
-    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
         """The last time that it was shown counts."""
         joined = Samples(*(np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "hand", "marks")))
         at = stretch_of(joined.marks, SHOWN)
         shown = joined.hand[at]
-        path = path_of(joined.times[at], shown, taps.options.thresholds)
-        arm, ranges = worn(taps.options), taps.options.ranges
-        moved = TaskPath(path.points + np.array(taps.options.shift))
+        path = path_of(joined.times[at], shown, channel_map.options.thresholds)
+        arm, ranges = worn(channel_map.options), channel_map.options.ranges
+        moved = TaskPath(path.points + np.array(channel_map.options.shift))
         Reach(moved, arm, ranges, ranges.posture).step(MOST * len(moved.points))
-        return Result(taps, path, shown, date)
+        return Result(channel_map, path, shown, date)
 
     def lines(self, result: Result) -> list[str]:
-        who = f"person {result.taps.person}{' (simulated)' if result.taps.simulated else ''}"
+        who = f"person {result.channel_map.person}{' (simulated)' if result.channel_map.simulated else ''}"
         path = result.path
         return [
-            f"{who}, {result.date.isoformat()}: the {result.taps.options.hand} showed a path of {path.length:.2f} m in "
+            f"{who}, {result.date.isoformat()}: the {result.channel_map.options.hand} showed "
+            f"a path of {path.length:.2f} m in "
             f"{path.duration:.1f} s, at most {path.fastest:.2f} m/s; the arm reaches all of it"
         ]
 
-    def figures(self, result: Result) -> dict[str, Any]:
+    def metrics(self, result: Result) -> dict[str, Any]:
         path = result.path
         return {
-            "person": result.taps.person, "date": result.date.isoformat(), "simulated": result.taps.simulated,
-            "hand": result.taps.options.hand, "duration_s": path.duration, "length_m": path.length,
+            "person": result.channel_map.person, "date": result.date.isoformat(),
+            "simulated": result.channel_map.simulated,
+            "hand": result.channel_map.options.hand, "duration_s": path.duration, "length_m": path.length,
             "fastest_m_s": path.fastest, "points": len(path.points), "refusals": [],
         }  # fmt: skip
 
@@ -145,15 +147,16 @@ class TaskMethod(Method[Taps, Result]):
             view.set_ylabel(f"{names[1]}, m")
             view.set_aspect("equal", "datalim")
         axes[0].legend(fontsize=8)
-        frame = result.taps.options.arms.arms.parent
+        frame = result.channel_map.options.arms.arms.parent
         figure.suptitle(f"{self.lines(result)[0].partition(':')[0]}, frame {frame}", fontsize=11)
         save(figure, png)
 
     def record(self, result: Result) -> TaskRecord:
-        options = result.taps.options
+        options = result.channel_map.options
         return TaskRecord.model_validate(
             {
-                "format": FORMAT, "person": options.person, "date": result.date, "simulated": result.taps.simulated,
+                "format": FORMAT, "person": options.person, "date": result.date,
+                "simulated": result.channel_map.simulated,
                 "frame": options.arms.arms.parent, "hand": options.hand, "thresholds": options.thresholds,
                 "points": result.path.points.round(5).tolist(),
             }

@@ -135,7 +135,7 @@ class RobotDescription:
         inertia: kg m^2, the inertia that each joint usually moves; the position controller's damping is made for it.
         home: rad, a configuration far from limits and singularities.
         payload: kg, the greatest load.
-        doubts: what is probably wrong with the file that it was read from.
+        warnings: what is probably wrong with the file that it was read from.
         unseen: links of that file without contact shapes, since these are meshes there.
     """
 
@@ -158,7 +158,7 @@ class RobotDescription:
     inertia: Array
     home: Array
     payload: float
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

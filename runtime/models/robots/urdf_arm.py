@@ -18,7 +18,7 @@ from srl.runtime.contracts.frames import IDENTITY
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.robots.description import Capsule, Inertial, Joint, RobotDescription, everywhere, trans
 from srl.runtime.models.robots.urdf import UrdfJoint, UrdfTree
-from srl.runtime.models.robots.urdf_link import Doubt, collision_shapes, inertial
+from srl.runtime.models.robots.urdf_link import Warning, collision_shapes, inertial
 
 STIFF: Final = 0.05  # rad or m, by which the greatest torque stretches a simulated drive; ours
 UNKNOWN_STIFFNESS: Final = 1000.0  # N m/rad, of a drive whose greatest torque nobody says; ours
@@ -77,8 +77,8 @@ def read(
     for link in capsules:
         if link not in tree.links:
             raise OptionError(f"{file} has no link '{link}' for 'capsules'", nearest(link, tree.links))
-    doubts: list[Doubt] = []
-    bounds = {joint.name: _bounds(joint, limits.get(joint.name, {}), file, doubts) for joint in movers}
+    warnings: list[Warning] = []
+    bounds = {joint.name: _bounds(joint, limits.get(joint.name, {}), file, warnings) for joint in movers}
     held = _held(tree, base, set(names))
     owners, places, placements, flange = _placed(tree, base, tip, names, held)
     bodies: list[list[Inertial]] = [[] for _ in range(len(movers) + 1)]
@@ -86,14 +86,14 @@ def read(
     unseen = []
     for link, owner in owners.items():
         behind = [j for j in tree.joints if j.parent == link]
-        found = inertial(tree.links[link], file, [np.array(j.pose[:3]) for j in behind], doubts)
+        found = inertial(tree.links[link], file, [np.array(j.pose[:3]) for j in behind], warnings)
         if found is not None:
             bodies[owner].append(found.moved(places[link]))
         drawn, whole = (capsules[link], True) if link in capsules else collision_shapes(tree.links[link], file)
         shapes[owner] += [_moved(capsule, places[link]) for capsule in drawn]
         if not whole:
             unseen.append(link)
-    doubts += [
+    warnings += [
         f"joint {joint.name} is {np.linalg.norm(joint.pose[:3]):.4g} m from the one before. Are these millimetres?"
         for joint in chain
         if np.linalg.norm(joint.pose[:3]) > LIMB
@@ -113,8 +113,8 @@ def read(
         home=_home(home, names, lower, upper, file), payload=inf, unseen=tuple(unseen),
     )  # fmt: skip
     if made.weightless:
-        doubts.append(f"nothing behind joint {made.weightless[0]} has a mass: only kinematics can be made of it")
-    return UrdfArm(replace(made, doubts=tuple(doubts)), base, tip, tuple(held))
+        warnings.append(f"nothing behind joint {made.weightless[0]} has a mass: only kinematics can be made of it")
+    return UrdfArm(replace(made, warnings=tuple(warnings)), base, tip, tuple(held))
 
 
 def _chain(tree: UrdfTree, base: str | None, tip: str | None) -> tuple[list[UrdfJoint], str, str]:
@@ -163,7 +163,7 @@ def _links(tree: UrdfTree, link: str) -> list[str]:
     return [link, *(joint.parent for joint in tree.way(link))]
 
 
-def _bounds(joint: UrdfJoint, given: Mapping[str, float], file: object, doubts: list[Doubt]) -> dict[str, float]:
+def _bounds(joint: UrdfJoint, given: Mapping[str, float], file: object, warnings: list[Warning]) -> dict[str, float]:
     """The four limits of a joint."""
     found, place = {**joint.limits, **given}, f"{file}: joint {joint.name}"
     slides = joint.kind == "prismatic"
@@ -180,20 +180,20 @@ def _bounds(joint: UrdfJoint, given: Mapping[str, float], file: object, doubts: 
     for key in ("velocity", "effort"):
         if found.get(key, 0.0) <= 0.0:  # zero is what exporters write where nobody has said any
             found[key] = inf
-            doubts.append(f"joint {joint.name} has no {key} limit: say it by 'limits'")
+            warnings.append(f"joint {joint.name} has no {key} limit: say it by 'limits'")
     for key in ("lower", "upper"):
         value = found[key]
         if np.isfinite(value) and abs(value) > (LIMB if slides else TURN):
             asked = "Are these millimetres?" if slides else f"Are these degrees? {value:g} degrees are " \
                     f"{np.radians(value):.4g} rad"  # fmt: skip
-            doubts.append(f"joint {joint.name}: its limit {key} is {value:g} {'m' if slides else 'rad'}. {asked}")
+            warnings.append(f"joint {joint.name}: its limit {key} is {value:g} {'m' if slides else 'rad'}. {asked}")
     for key, value in given.items():
-        said, sign = joint.limits.get(key), -1.0 if key == "lower" else 1.0
-        if said and joint.kind != "continuous" and sign * value > sign * said:
-            doubts.append(f"joint {joint.name}: {key} {value:g} is wider than the file's {said:g}")
+        output, sign = joint.limits.get(key), -1.0 if key == "lower" else 1.0
+        if output and joint.kind != "continuous" and sign * value > sign * output:
+            warnings.append(f"joint {joint.name}: {key} {value:g} is wider than the file's {output:g}")
     if np.isfinite(found["velocity"]) and found["velocity"] > FAST[slides]:
         unit = "m/s. Are these millimetres?" if slides else "rad/s. Are these degrees?"
-        doubts.append(f"joint {joint.name}: its limit velocity is {found['velocity']:g} {unit}")
+        warnings.append(f"joint {joint.name}: its limit velocity is {found['velocity']:g} {unit}")
     return found
 
 

@@ -16,7 +16,7 @@ from srl.runtime.contracts.signals import Array
 from srl.runtime.models.robots.description import Capsule, Inertial
 from srl.runtime.models.robots.urdf import numbers
 
-Doubt = str
+Warning = str
 _DENSEST: Final = 22600.0  # kg/m^3, osmium: no body of a mass has less inertia than a sphere of it
 _ROUNDED: Final = 0.01  # share by which a file's rounding may miss the triangle inequality
 _HEAVY: Final = 150.0  # kg
@@ -25,12 +25,12 @@ _WIDE: Final = 1.5  # times a link's size; a rod's radius of gyration is 0.29 of
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
-def inertial(link: Element, file: Path, ends: Sequence[Array], doubts: list[Doubt]) -> Inertial | None:
+def inertial(link: Element, file: Path, ends: Sequence[Array], warnings: list[Warning]) -> Inertial | None:
     """The inertia in the link's frame; None: it has none.
 
     Args:
         ends: (3,) m each, where joints begin on it, by which its size is judged.
-        doubts: what is probably wrong is added.
+        warnings: what is probably wrong is added.
     Raises:
         OptionError: no body has such an inertia.
     """
@@ -64,11 +64,11 @@ def inertial(link: Element, file: Path, ends: Sequence[Array], doubts: list[Doub
     if a + b <= c and c > 0.0:
         lacking = (c - a - b) / 2 + 1e-9 * c
         own = axes @ np.diag([a + lacking, b + lacking, c]) @ axes.T
-    doubts += _doubted(str(name), mass, com, total, c, [*ends, com])
+    warnings += _doubted(str(name), mass, com, total, c, [*ends, com])
     return Inertial(mass, com, turn @ own @ turn.T)
 
 
-def _doubted(name: str, mass: float, com: Array, total: float, most: float, ends: Sequence[Array]) -> list[Doubt]:
+def _doubted(name: str, mass: float, com: Array, total: float, most: float, ends: Sequence[Array]) -> list[Warning]:
     found = []
     if mass > _HEAVY:
         found.append(f"link {name} has {mass:g} kg. Are these grams? {mass:g} g are {mass / 1000:g} kg")

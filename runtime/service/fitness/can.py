@@ -59,8 +59,8 @@ def _about(name: str) -> dict[str, Any]:
     """What iproute2 says of the interface; nothing where it isn't installed."""
     command = ["ip", "-details", "-json", "link", "show", name]
     try:
-        said = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=5).stdout)
-        found: dict[str, Any] = said[0]["linkinfo"]["info_data"]
+        output = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=5).stdout)
+        found: dict[str, Any] = output[0]["linkinfo"]["info_data"]
     except (OSError, subprocess.SubprocessError, ValueError, LookupError):
         return {}
     return found

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.ipc.run_folder import RunFolder, base, check_owners, free_bytes
-from srl.runtime.service.evidence import needed
+from srl.runtime.service.crash_dump import needed
 from srl.runtime.service.fitness.finding import Finding
 
 SPARE = 16 << 20  # bytes in the run folder for what isn't rows

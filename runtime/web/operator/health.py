@@ -9,8 +9,7 @@ from typing import Any, Final
 
 from srl.runtime.bus.status import CAUSES
 from srl.runtime.ipc import latches
-from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.ipc.words import (
+from srl.runtime.ipc.header import (
     CYCLE,
     DEVICE,
     LINK_ACTIVE,
@@ -21,6 +20,7 @@ from srl.runtime.ipc.words import (
     Cause,
     State,
 )
+from srl.runtime.ipc.layout import Layout, Words
 
 STATES: Final = {
     State.STARTING: "The run begins: the devices are opened.",
@@ -67,7 +67,7 @@ _READY: Final = "Put a limb that measures nothing at its home. See that nobody i
 def state(layout: Layout, row: Words) -> dict[str, str]:
     """The state of the machine: its name, what it means, why, what still stands (latches), and what to do."""
     now, cause = _state(int(row[CYCLE.state])), _cause(int(row[CYCLE.cause]))
-    who = _who(layout, cause, int(row[CYCLE.culprit]))
+    who = _who(layout, cause, int(row[CYCLE.fault_source]))
     still = cause not in (Cause.NONE, Cause.END)
     stopped = now in (State.STOPPING, State.STOPPED) or still
     why = CAUSES[cause] + (f": {who}" if who else "") if stopped else ""
@@ -92,8 +92,8 @@ def devices(layout: Layout, row: Words) -> list[dict[str, Any]]:
         words = row[layout.device(index)]
         stamp = int(words[DEVICE.stamp])
         age = (now - stamp) / 1e6 if stamp >= 0 else None
-        level, said, remedy = _device(int(words[DEVICE.link]), age, name in layout.setpoint_owners)
-        found.append({"name": name, "level": level, "words": said, "remedy": remedy, "age": age})
+        level, output, remedy = _device(int(words[DEVICE.link]), age, name in layout.setpoint_owners)
+        found.append({"name": name, "level": level, "words": output, "remedy": remedy, "age": age})
     return found
 
 
@@ -119,7 +119,7 @@ def _device(link: int, age: float | None, client: bool) -> tuple[str, str, str]:
 
 def _who(layout: Layout, cause: Cause, index: int) -> str:
     try:
-        return layout.culprit(cause, index)
+        return layout.fault_source(cause, index)
     except (IndexError, KeyError):  # a layout of an earlier version doesn't name it
         return ""
 

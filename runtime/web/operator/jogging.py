@@ -9,7 +9,7 @@ from srl.runtime.contracts.terms import POSITION_OF
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.run_folder import RunFolder
 
-LAW: Final = "jog"  # as `srl.commissioning.jog.cut` calls it
+LAW: Final = "jog"  # as `srl.commissioning.jog.profile_subset` calls it
 GUIDED: Final = "servo-marks"  # beside it, of `srl calibrate PROFILE servos`
 WAY: Final = "terminal.way"
 

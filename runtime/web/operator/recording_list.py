@@ -1,4 +1,4 @@
-"""`python -m srl.runtime.web.operator.shelf FOLDER PROFILE`: the recordings of a profile as JSON.
+"""`python -m srl.runtime.web.operator.recording_list FOLDER PROFILE`: the recordings of a profile as JSON.
 
 They are those of `srl recordings`. Nothing here changes one. The panel's server runs it as a process of its own, behind
 everything else.
@@ -25,9 +25,9 @@ def shelf(folder: Path, profile: str) -> dict[str, Any]:
         `rows`: name, date, seconds, bytes, stop, fault, problem, remedy of each, the newest first. `more`: how many
         aren't told. `words`: why there are none, or what couldn't be read.
     """
-    said: list[str] = []
+    output: list[str] = []
     try:
-        found = [e for e in entries(folder, report=said.append) if e.summary.profile == profile]
+        found = [e for e in entries(folder, report=output.append) if e.summary.profile == profile]
     except SrlError as error:
         return {"rows": [], "more": 0, "words": str(error)}
     rows = [
@@ -38,7 +38,7 @@ def shelf(folder: Path, profile: str) -> dict[str, Any]:
         }
         for entry in reversed(found)
     ]  # fmt: skip
-    words = "; ".join(said)
+    words = "; ".join(output)
     if not rows:
         words = words or f"No recordings of {profile} in {folder}. `srl run --record FILE` makes one."
     return {"rows": rows[:MOST], "more": max(len(rows) - MOST, 0), "words": words}

@@ -21,9 +21,9 @@ from srl.runtime.contracts.errors import SrlError
 from srl.runtime.ipc import presses
 from srl.runtime.ipc.control_socket import send_request
 from srl.runtime.ipc.events import EventReader
+from srl.runtime.ipc.header import CYCLE
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE
 from srl.runtime.web.operator import health, jogging
 from srl.runtime.web.operator.control import LAPSE, Control
 from srl.runtime.web.operator.guiding import Guiding
@@ -62,7 +62,7 @@ class OperatorServer(PictureServer):
         self._joints: list[dict[str, Any]] = []
         self._takes, self._looked = False, 0.0
         self._events: EventReader | None = None
-        self._said: deque[str] = deque(maxlen=EVENTS)
+        self._reported: deque[str] = deque(maxlen=EVENTS)
 
     # What is told
 
@@ -73,16 +73,16 @@ class OperatorServer(PictureServer):
             self._tell_all(self._guiding.forget())
         self._open_events()
         self._joints = jogging.joints(layout)
-        return {"parameters": Parameters.told(layout), "joints": self._joints}
+        return {"parameters": Parameters.reported(layout), "joints": self._joints}
 
     def frame_beside(self, layout: Layout, row: Words, now: float) -> dict[str, Any]:
         if now >= self._looked:
             self._looked, self._takes = now + LOOK, jogging.takes_presses(self._folder)
             for event in self._events.take() if self._events is not None else ():
-                self._said.append(event.text)
+                self._reported.append(event.text)
         return {
             "health": health.state(layout, row), "devices": health.devices(layout, row),
-            "values": Parameters.values(layout, row), "events": list(self._said),
+            "values": Parameters.values(layout, row), "events": list(self._reported),
             "places": jogging.places(layout, row) if self._joints else [], "takes": bool(self._joints) and self._takes,
             "seen": int(row[CYCLE.wake]) // 1000, "told": now * 1e3,
         }  # fmt: skip
@@ -194,7 +194,7 @@ class OperatorServer(PictureServer):
 
     def _set(self, peer: Peer, message: dict[str, Any]) -> None:
         name, value = message.get("name"), number(message, "value")
-        known = {p["name"]: p for p in Parameters.told(self._view.layout)}
+        known = {p["name"]: p for p in Parameters.reported(self._view.layout)}
         if not isinstance(name, str) or name not in known:
             raise BadMessageError("there is no such parameter")
         lower, upper = (known[name][key] for key in ("lower", "upper"))
@@ -237,12 +237,12 @@ class OperatorServer(PictureServer):
         name = str(self._view.layout.meta.get("name", ""))
         # In a process of its own: reading hours of rows here could keep a stop waiting.
         reader = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "srl.runtime.web.operator.shelf", str(self._recordings), name,
+            sys.executable, "-m", "srl.runtime.web.operator.recording_list", str(self._recordings), name,
             stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:
-            said, _ = await reader.communicate()
-            found = json.loads(said)
+            output, _ = await reader.communicate()
+            found = json.loads(output)
         except ValueError:
             found = {"rows": [], "more": 0, "words": "They can't be read here. Try `srl recordings`"}
         finally:
@@ -274,7 +274,7 @@ class OperatorServer(PictureServer):
             if self._events is not None:
                 self._events.close()
             self._events = opened
-            self._said.clear()
+            self._reported.clear()
 
     def close(self) -> None:
         self._control.release()

@@ -24,10 +24,10 @@ from srl.runtime.ipc.descriptors import raise_limit
 SHARE: Final = 32  # connections of one user: a browser has 6 and a websocket for each tab
 USERS: Final = 3  # that have a share of their own
 RESERVED: Final = 64  # descriptors for everything else, a stop's own among it
-PATIENCE: Final = 3.0  # s from a connection's beginning until it has shown a key
+TIMEOUT: Final = 3.0  # s from a connection's beginning until it has shown a key
 QUEUE: Final = 4096  # connections that wait in the kernel
 TURN: Final = 64  # connections looked at in one turn of the event loop
-TOLD: Final = 10.0  # s between two events
+REPORT_EVERY: Final = 10.0  # s between two events
 OTHERS: Final = -1
 
 _HEAD, _BY_FAMILY = struct.Struct("=IHHII"), 20  # nlmsghdr; SOCK_DIAG_BY_FAMILY, of question and answer
@@ -65,7 +65,7 @@ class Door:
         self._connections: dict[tuple[str, int], _Connection] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._pushed: Counter[int] = Counter()  # by user, those that were ended or turned away since the last event
-        self._due = self._told = 0.0
+        self._due = self._reported = 0.0
         self._users = _Users(listener.getsockname())
         listener.setblocking(False)
         listener.listen(QUEUE)
@@ -91,10 +91,10 @@ class Door:
         for name, one in list(self._connections.items()):
             if one.end.fileno() < 0:
                 del self._connections[name]
-            elif not one.let_in and now - one.came > PATIENCE:
+            elif not one.let_in and now - one.came > TIMEOUT:
                 self._end(one)
-        if self._pushed and now - self._told > TOLD:
-            self._told = now
+        if self._pushed and now - self._reported > REPORT_EVERY:
+            self._reported = now
             (user, count), total = self._pushed.most_common(1)[0], self._pushed.total()
             self._pushed.clear()
             self._say(
@@ -138,7 +138,7 @@ class Door:
         if share is not None and len(own) < self._share:
             return True
         # Others are turned away, which costs next to nothing. Where the kernel doesn't say who is who, the oldest goes.
-        turned_away = share == OTHERS and self._users.told
+        turned_away = share == OTHERS and self._users.reported
         oldest = None if turned_away else next((g for g in own if not g.let_in), None)
         if oldest is not None:
             self._end(oldest)
@@ -168,7 +168,7 @@ class _Users:
 
     def __init__(self, ours: tuple[str, int]) -> None:
         self._ours = ours
-        self.told = False  # whether the kernel says who is who
+        self.reported = False  # whether the kernel says who is who
         self._kernel: socket.socket | None = None
         with contextlib.suppress(OSError):
             self._kernel = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_CLOEXEC, 4)
@@ -185,13 +185,13 @@ class _Users:
         asked += struct.pack("=III", 0, _ANY, _ANY)
         try:
             self._kernel.send(_HEAD.pack(_HEAD.size + len(asked), _BY_FAMILY, 1, 0, 0) + asked)
-            said = self._kernel.recv(4096)
+            output = self._kernel.recv(4096)
         except OSError:
             return OTHERS
-        if len(said) < 84 or _HEAD.unpack_from(said)[1] != _BY_FAMILY:
+        if len(output) < 84 or _HEAD.unpack_from(output)[1] != _BY_FAMILY:
             return OTHERS
-        self.told = True
-        return int(struct.unpack_from("=I", said, 80)[0])  # idiag_uid
+        self.reported = True
+        return int(struct.unpack_from("=I", output, 80)[0])  # idiag_uid
 
     def close(self) -> None:
         if self._kernel is not None:

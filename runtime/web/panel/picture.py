@@ -9,10 +9,10 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.rows import Rows
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import State
 from srl.runtime.profile.plots import Plot, joint_plots, profile_plots
 from srl.runtime.recording.shapes import PALETTE, RAMP, colors, distance_colors
 from srl.runtime.recording.solids import Solids

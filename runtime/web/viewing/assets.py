@@ -16,7 +16,7 @@ from typing import Final
 from srl.runtime.contracts.errors import RecordingError
 
 HOST: Final = "127.0.0.1"
-PATIENCE: Final = 30.0  # s for the binary to serve; it has 290 MB to be read
+TIMEOUT: Final = 30.0  # s for the binary to serve; it has 290 MB to be read
 _LISTENS: Final = "0A"  # TCP_LISTEN in /proc/net/tcp
 _MEMORY: Final = "1MB"  # that its server may keep: it gets no data
 # Runs a program that ends when the process that started it dies, in whatever way (PR_SET_PDEATHSIG is 1, SIGKILL 9).
@@ -58,7 +58,7 @@ def extract() -> Assets:
         stderr=subprocess.DEVNULL,
     )
     try:
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         # Another user could have taken the port meanwhile, and hand us a script that stops the limb.
         while (owner := listener(port)) is None:
             if time.monotonic() > end or process.poll() is not None:
@@ -84,7 +84,7 @@ def listener(port: int) -> int | None:
 
 
 def _fetched(port: int, name: str) -> bytes:
-    connection = http.client.HTTPConnection(HOST, port, timeout=PATIENCE)
+    connection = http.client.HTTPConnection(HOST, port, timeout=TIMEOUT)
     try:
         connection.request("GET", f"/{name}")
         answer = connection.getresponse()

@@ -20,7 +20,7 @@ from srl.runtime.recording.framing import HEADER, strip
 from srl.runtime.web.viewing.mark import Mark
 
 KEPT: Final = 32 << 20  # bytes of rows of the past that a page which is opened late, or is slow, still gets
-KEPT_TOLD: Final = 8 << 20  # bytes of states and events, the same
+KEPT_REPORTS: Final = 8 << 20  # bytes of states and events, the same
 
 T = TypeVar("T")
 
@@ -61,14 +61,14 @@ class Feed:
         self._tail = Tail(run, recorder=False, ending=ending)
         newest = self._tail.ring.newest()
         self._stream = Stream(self._tail.text, apart=True)
-        self._out, self._told_out = self._stream.recording.binary_stream(), self._stream.told.binary_stream()
+        self._out, self._reported_out = self._stream.recording.binary_stream(), self._stream.reported.binary_stream()
         self._stream.prologue(newest, live=True)
         self.head = self._out.read() or b""
         self._start = self.head[:HEADER]
         for problem in self._stream.problems:
             print(f"viewer: {problem}", file=sys.stderr, flush=True)
         self._lock = threading.Lock()  # of the stream, and of what is kept
-        self._rows, self._told = Kept[Thinned](KEPT), Kept[bytes](KEPT_TOLD)
+        self._rows, self._reported = Kept[Thinned](KEPT), Kept[bytes](KEPT_REPORTS)
         self.over = False
         self.failure: BaseException | None = None
         self._ends = False
@@ -78,7 +78,7 @@ class Feed:
     @property
     def mark(self) -> Mark:
         """That of a page that has everything."""
-        return Mark(self._rows.count, self._told.count)
+        return Mark(self._rows.count, self._reported.count)
 
     def since(self, mark: Mark) -> tuple[Mark, float, bytes]:
         """What a page lacks, as one whole stream; empty if it lacks nothing. It takes a while: up to 0.1 s.
@@ -90,7 +90,7 @@ class Feed:
             return Mark(0, 0), 0.0, self.head
         with self._lock:
             new = self.mark
-            rows, messages = self._rows.since(mark.rows), b"".join(self._told.since(mark.told))
+            rows, messages = self._rows.since(mark.rows), b"".join(self._reported.since(mark.reported))
             time = 0.0
             if rows:
                 joined = Thinned.joined(rows)
@@ -122,8 +122,8 @@ class Feed:
                 thinned = self._stream.thin(batch.sequence, batch.rows)
                 self._rows.add(thinned, thinned.size)
             self._stream.events(batch.numbers, batch.events)
-            if told := self._messages(self._told_out.read()):
-                self._told.add(told, len(told))
+            if reported := self._messages(self._reported_out.read()):
+                self._reported.add(reported, len(reported))
 
     def _messages(self, data: bytes | None) -> bytes:
         """A stream's new messages; only its first part has a header. None: there are none."""

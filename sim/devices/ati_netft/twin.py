@@ -80,9 +80,9 @@ class AtiNetFtTwin(SocketTwin):
         self.sensor.unbias()
         self._first = max(self.sensor.newest(), 0)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the socket twin's figures: requests by name, unknown datagrams, records sent."""
-        return super().figures() | {"requests": dict(self._seen), "unknown": self._unknown, "records": self._count}
+        return super().metrics() | {"requests": dict(self._seen), "unknown": self._unknown, "records": self._count}
 
     # -- what the pages use
 

@@ -51,7 +51,7 @@ class BaseTwin(SocketTwin):
         self._ahead = round(fake.clock * 1e9)
         self._wall = 0
         self._last = -1
-        self._said = -EMERGENCY_PERIOD
+        self._reported = -EMERGENCY_PERIOD
         self._count = 0
         self._sender = os.urandom(16)
 
@@ -85,13 +85,13 @@ class BaseTwin(SocketTwin):
             )
             self._send(self._odometry, protocol.odometry(message), stamp)
         self._last = newest
-        if self._emergency is not None and now - self._said >= EMERGENCY_PERIOD:
-            self._said = now
+        if self._emergency is not None and now - self._reported >= EMERGENCY_PERIOD:
+            self._reported = now
             self._send(self._emergency, cdr.encode(protocol.BOOL, {"data": self._fake.pressed()}), now + self._wall)
 
-    def figures(self) -> dict[str, object]:
-        """See `Twin.figures`; adds the numbers of commands obeyed and refused."""
-        return super().figures() | {"commands": self.commands, "refused": self.refused}
+    def metrics(self) -> dict[str, object]:
+        """See `Twin.metrics`; adds the numbers of commands obeyed and refused."""
+        return super().metrics() | {"commands": self.commands, "refused": self.refused}
 
     def _obey(self, arrival: Arrival, now: int) -> None:
         try:

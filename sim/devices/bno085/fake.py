@@ -63,7 +63,7 @@ class FakeBno085(Sensor, InertialFake):
         used = self._reading.fill(record(values, number), self.state_arrays)
         health.message = "" if used else self._reading.trouble()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """The rate, and by how much angles and acceleration disagree, degrees."""
         return {"rate_hz": self._options.rate, "disagrees_deg": degrees(self._reading.disagrees)}
 

@@ -76,10 +76,10 @@ class CanFtTwin(CanTwin):
         """See `CanTwin`: what it doesn't send is lost."""
         self._sent = self.sensor.newest()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds commands by name, unknown frames, records sent."""
         found = {"commands": dict(self._seen), "unknown": self._unknown, "records": self._sent_records}
-        return found | super().figures()
+        return found | super().metrics()
 
     # -- the sensor
 

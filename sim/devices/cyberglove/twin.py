@@ -76,9 +76,9 @@ class CyberGloveTwin(SerialTwin):
                     self._streamed.append((now, self.glove.taken_at(number)))
         return b"".join(records)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the serial twin's figures: commands by letter, unknown bytes."""
-        return super().figures() | {"commands": dict(self.commands.seen), "unknown": self.commands.unknown}
+        return super().metrics() | {"commands": dict(self.commands.seen), "unknown": self.commands.unknown}
 
     def log(self) -> dict[str, NDArray[Any]]:
         """Adds to the serial twin's log: `sent_ns` (k,), when each record was sent; `taken_ns` (k,), its world time."""

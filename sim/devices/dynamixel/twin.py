@@ -45,7 +45,7 @@ class DynamixelTwin(ServoLine):
             for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
         ]
         for servo, motor in zip(self.servos, config.motors.values(), strict=True):
-            servo.said = motor.offset, motor.reverse_mode
+            servo.output = motor.offset, motor.reverse_mode
             if self.protocol == 2:
                 servo.put("homing_offset", motor.offset)
             if "drive_mode" in servo.by_name:
@@ -204,13 +204,13 @@ class DynamixelTwin(ServoLine):
         delay = round(servo.get("return_delay_time") * RETURN_DELAY * 1e9)
         self._send(self._in_transit(servo_id, packet), delay)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque.
 
         Lost packets are those damaged, collided or sent at a wrong baud rate. The torque is given for each motor.
         """
         motors = self.bus.chain.motors
-        return super().figures() | {
+        return super().metrics() | {
             "instructions": dict(self.seen),
             "damaged": self._parser.errors,
             "collisions": self.collisions,

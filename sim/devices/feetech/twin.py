@@ -46,7 +46,7 @@ class FeetechTwin(ServoLine):
             for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
         ]
         for servo, motor in zip(self.servos, config.motors.values(), strict=True):
-            servo.said = motor.offset
+            servo.output = motor.offset
             servo.keep("homing_offset", motor.offset)
             servo.put("goal_position", servo.position)
         self._parser = protocol.Parser()
@@ -121,10 +121,10 @@ class FeetechTwin(ServoLine):
         packet = protocol.status(servo_id, servo.error_bits, data)
         self._send(self._in_transit(servo_id, packet), round(servo.get("return_delay_time") * RETURN_DELAY * 1e9))
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque."""
         motors = self.bus.chain.motors
-        return super().figures() | {
+        return super().metrics() | {
             "instructions": dict(self.seen),
             "damaged": self._parser.errors,
             "collisions": self.collisions,

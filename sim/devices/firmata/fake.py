@@ -206,7 +206,7 @@ class FakeFirmata(Fake):
         """Servos that weren't made limp continue with their last pulse."""
         self.health.connected = False
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Pulse widths (us, None while detached) by joint."""
         return {"pulses_us": dict(zip(self._joints, self._pulses, strict=True))}
 

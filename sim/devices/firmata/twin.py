@@ -68,12 +68,12 @@ class FirmataTwin(SerialTwin):
         self._booted_at = None
         return BOOT
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the serial twin's figures: messages by kind, pulse widths, time of a servo's last command.
 
         Pulse widths are in us by joint, None without pulses. The time is in ns of the twin's clock.
         """
-        return super().figures() | {
+        return super().metrics() | {
             "messages": dict(self.firmware.seen),
             "too_long": self.firmware.input.too_long,
             "pulses_us": dict(zip(self._joints, self._pulses, strict=True)),

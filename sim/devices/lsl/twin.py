@@ -14,7 +14,7 @@ from typing import Any, Final
 from srl.drivers.lsl.process import configuration
 from srl.drivers.lsl.units import factor
 from srl.runtime.contracts.errors import HostError, RequestError
-from srl.runtime.contracts.reach import refuse_strangers
+from srl.runtime.contracts.exposure import refuse_strangers
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, Twin
 from srl.sim.devices.lsl.fake import FakeLsl
@@ -98,8 +98,8 @@ class LslTwin(Twin):
             self._outlet.push_chunk(chunk, stamp)  # the newest's; liblsl counts back by the rate
             self._sent += len(chunk)
 
-    def figures(self) -> dict[str, object]:
-        """See `Twin.figures`: samples sent, and whether anybody reads."""
+    def metrics(self) -> dict[str, object]:
+        """See `Twin.metrics`: samples sent, and whether anybody reads."""
         return {"sent": self._sent, "read": self._outlet is not None and bool(self._outlet.have_consumers())}
 
     def _sender(self, values: Array) -> list[float]:

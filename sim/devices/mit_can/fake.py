@@ -125,9 +125,9 @@ class FakeMitCan(Fake):
         """See `MitCan.recover`."""
         self._driver.recover(now)
 
-    def figures(self) -> dict[str, object]:
-        """See `MitCan.figures`."""
-        return self._driver.figures()
+    def metrics(self) -> dict[str, object]:
+        """See `MitCan.metrics`."""
+        return self._driver.metrics()
 
     def _check(self) -> None:
         if not self.health.connected:
@@ -137,7 +137,7 @@ class FakeMitCan(Fake):
 class _OnDrives(MitCan):
     """The driver, on a bus in memory."""
 
-    patience = 0.0
+    timeout = 0.0
 
     def __init__(self, name: str, config: MitCanConfig, fake: FakeMitCan) -> None:
         super().__init__(name, config)

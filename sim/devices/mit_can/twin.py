@@ -33,8 +33,8 @@ class MitCanTwin(CanTwin):
         self.drives = self.actuators.follow()
         super().service(now)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds frames by what they are, refused ones, and who is enabled."""
         drives = self.drives
         on = [bool(drives.motors.torque[i]) for i in drives.numbers]
-        return {"frames": dict(drives.seen), "refused": dict(drives.refused), "enabled": on} | super().figures()
+        return {"frames": dict(drives.seen), "refused": dict(drives.refused), "enabled": on} | super().metrics()

@@ -106,9 +106,9 @@ class NatNetTwin(SocketTwin):
                 self._send(number, values, now)
         self._last = newest
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the socket twin's figures: number of frames made, clients that get them."""
-        return super().figures() | {"frames": self._frames, "clients": len(self._sessions)}
+        return super().metrics() | {"frames": self._frames, "clients": len(self._sessions)}
 
     def log(self) -> dict[str, NDArray[Any]]:
         """`sent_ns` (k,): when each frame was sent. `taken_ns` (k,): its world time. `frame` (k,): its number."""

@@ -101,7 +101,7 @@ class FakeNoitom(Sensor, SampledFake):
             return numbers.round(DECIMALS)
         return numbers.astype(np.float32).astype(np.float64)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """The frame rate, under the same key as the driver's."""
         return {"rate_hz": self.broadcast.rate}
 

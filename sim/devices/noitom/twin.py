@@ -68,9 +68,9 @@ class NoitomTwin(SocketTwin):
                 self._send(number, values, now)
         self._last = newest
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the socket twin's figures: number of frames sent."""
-        return super().figures() | {"frames": self._frames}
+        return super().metrics() | {"frames": self._frames}
 
     def log(self) -> dict[str, NDArray[Any]]:
         """`sent_ns` (k,): when each frame was sent. `taken_ns` (k,): its world time. `frame` (k,): its number."""

@@ -132,7 +132,7 @@ class FakePanda(Fake):
         self.health.connected = False
         self.health.fault = ""
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """The robot's name, motions started, reflexes, and commands that the robot missed."""
         controller = self.robot.controller
         return {

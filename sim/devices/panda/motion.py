@@ -90,7 +90,7 @@ class JointGenerator:
         self.state = np.zeros((3, 7))
         self.q, self.dq, self.ddq = self.state
         self.q[:] = q
-        self._begun = False
+        self._started = False
         self._rests = False  # it stands where a setpoint has put it: another one that moves nothing changes nothing
         # What a setpoint may ask for: positions, velocities, accelerations, jerks.
         self._new = np.zeros((4, 7))
@@ -102,7 +102,7 @@ class JointGenerator:
     def begin(self) -> None:
         """Starts a motion from rest; its first setpoint must fit the present desired position."""
         self.dq[:] = self.ddq[:] = 0.0
-        self._begun, self._rests = True, False
+        self._started, self._rests = True, False
 
     def place(self, q: Array, dq: Array) -> None:
         """Sets the desired values to the measured ones, after a motion that the generator didn't make."""
@@ -126,7 +126,7 @@ class JointGenerator:
 
     def take(self, setpoint: Setpoint, generator: Generator) -> str:
         """Takes the next setpoint; returns the name of its error, or "". A faulty setpoint isn't used."""
-        first, self._begun = self._begun, False
+        first, self._started = self._started, False
         if self._rests and generator is Generator.JOINT_VELOCITY and not any(setpoint.dq):
             return ""
         bounds, new = self.limits, self._new

@@ -94,7 +94,7 @@ class PandaRobot:
         key = [world.seed, zlib.crc32(name.encode())]
         noise = options.position_noise, options.velocity_noise, options.effort_noise
         self.sensors = Sensors(part, key, noise)
-        self.controller = PandaController(self.sensors, self.model, part.told, self._stopped)
+        self.controller = PandaController(self.sensors, self.model, part.declared, self._stopped)
         self.writer = StateWriter(self.controller, self.sensors, self.version)
         self._key = [*key, 1]
         self._block = -1

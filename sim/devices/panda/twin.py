@@ -103,14 +103,14 @@ class PandaTwin(SocketTwin):
         self.states += 1
         self._answered, self._sent_at = False, now
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the socket twin's figures: numbers of datagrams and requests, and the robot's condition.
 
         Datagrams: states sent, setpoints taken, datagrams refused. Requests are counted by kind. Condition: the robot's
         mode, its errors, packets lost and reflexes.
         """
         controller = self.robot.controller
-        return super().figures() | {
+        return super().metrics() | {
             "states": self.states,
             "setpoints": self.setpoints,
             "wrong_datagrams": self.wrong,

@@ -100,7 +100,7 @@ class CanTwin(Twin):
             sent = False
         self._unsent += not sent
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Frames for which the bus had no room."""
         return {"unsent": self._unsent}
 

@@ -178,8 +178,8 @@ class FakeDrives(Fake):
     def recover(self, now: int) -> None:
         self.driver.recover(now)
 
-    def figures(self) -> dict[str, object]:
-        return self.driver.figures()
+    def metrics(self) -> dict[str, object]:
+        return self.driver.metrics()
 
 
 class DrivesTwin(CanTwin):
@@ -221,10 +221,10 @@ class DrivesTwin(CanTwin):
         for message in messages:
             self.send(message.arbitration_id, bytes(message.data), message.is_extended_id)
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds frames by identifier, and which drives have torque."""
         motors = self.drives.chain.motors
-        return super().figures() | {
+        return super().metrics() | {
             "taken": dict(self._taken),
             "torque": [bool(motors.torque[n.i]) for n in self.nodes],
         }

@@ -107,7 +107,7 @@ class EventTwin(Twin):
             self.reports += not self._overflow
             self._sent = state
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Number of clients so far, of reports sent and of overflows."""
         return {"connects": self.connects, "reports": self.reports, "drops": self.drops}
 

@@ -87,8 +87,8 @@ class SerialTwin(Twin):
     def work(self, now: int) -> bytes:
         """Does what the device does by itself at `now`, with or without a client; returns what it sends."""
 
-    def figures(self) -> dict[str, object]:
-        """See `Twin.figures`: connections, bytes in each direction and lost, time of the last bytes received (ns)."""
+    def metrics(self) -> dict[str, object]:
+        """See `Twin.metrics`: connections, bytes in each direction and lost, time of the last bytes received (ns)."""
         return {
             "connects": self.door.connects,
             "bytes_in": self.door.bytes_in,

@@ -355,8 +355,8 @@ class SocketTwin(Twin):
             return
         self.work(now)
 
-    def figures(self) -> dict[str, object]:
-        """See `Twin.figures`: connections, bytes in each direction, bytes lost."""
+    def metrics(self) -> dict[str, object]:
+        """See `Twin.metrics`: connections, bytes in each direction, bytes lost."""
         doors: list[Any] = list(self.doors())
         return {
             "connects": sum(door.connects for door in doors if isinstance(door, TcpDoor)),

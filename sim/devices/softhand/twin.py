@@ -95,9 +95,9 @@ class SoftHandTwin(SerialTwin):
             self._trips += 1
         return b""
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the serial twin's figures: commands by name, discarded frames, watchdog trips, the motor's state."""
-        return super().figures() | {
+        return super().metrics() | {
             "commands": dict(self._seen),
             "errors": self._parser.errors,
             "watchdog_trips": self._trips,

@@ -69,9 +69,9 @@ class TrignoTwin(SocketTwin):
             self.running = False
         self._stream()
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the socket twin's figures: the commands by text."""
-        return super().figures() | {"commands": dict(self.commands)}
+        return super().metrics() | {"commands": dict(self.commands)}
 
     def _stream(self) -> None:
         newest = self.station.newest()

@@ -84,7 +84,7 @@ class UrController:
         self.cycles = -1
         self.stops: list[str] = []
         self.emergency = self.safeguard = False  # the contacts of the buttons and of the light curtain
-        self.payload = (arm.told.mass, arm.told.com)
+        self.payload = (arm.declared.mass, arm.declared.com)
         self._zero = np.zeros(6)  # N, N m, flange frame: offset of the force sensor since it was zeroed
         self._past: deque[tuple[Array, Array]] = deque(maxlen=_HISTORY)
         self._moved_at = -_STEADY

@@ -103,9 +103,9 @@ class UrTwin(SocketTwin):
                     self._log.append((now, self.arm.taken_at(number)))
         self._sent = newest
 
-    def figures(self) -> dict[str, object]:
+    def metrics(self) -> dict[str, object]:
         """Adds to the socket twin's figures: messages by letter, clients disconnected, programs and their texts."""
-        return super().figures() | {
+        return super().metrics() | {
             "messages": dict(self.rtde.seen), "dropped": self.rtde.dropped, "programs": list(self.programs),
             "errors": list(self.errors), "texts": list(self.texts), "refused": dict(self.refusals.counts),
             "dashboard": list(self.dashboard.seen), "protective_stops": list(self.controller.stops),

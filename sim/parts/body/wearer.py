@@ -72,7 +72,7 @@ class BodyWearer:
         # Instructions by number: the plan's first, then those that come from outside.
         self._given: list[Instruction] = [Rest(), *(step.instruction() for step in config.plan)]
         self._changes = [round(end / dt) for end in accumulate(step.seconds for step in config.plan)]
-        self._told = False  # by somebody: the plan is over
+        self._instructed = False  # by somebody: the plan is over
         self._pointers = np.full(DOFS, np.nan)
         rest = arm.natural(self._resting, config.elbow)
         self._place, self._axes = rest
@@ -88,8 +88,8 @@ class BodyWearer:
     @property
     def done(self) -> bool:
         """Whether the last instruction is reached."""
-        given, since = self._given[-1] if self._told else self._given[self._number], self._since
-        if self._told and self._number != len(self._given) - 1:
+        given, since = self._given[-1] if self._instructed else self._given[self._number], self._since
+        if self._instructed and self._number != len(self._given) - 1:
             return False  # it hasn't begun
         if since < self._config.reaction + self._takes:
             return False
@@ -107,7 +107,7 @@ class BodyWearer:
             if shape != (len(instruction.times), len(instruction.dofs)) or len(set(instruction.dofs)) < shape[1]:
                 raise ValueError(f"values {shape} for {len(instruction.times)} times and {len(instruction.dofs)} DoFs")
         self._given.append(instruction)
-        self._told = True
+        self._instructed = True
 
     def see(self, pointers: Sequence[float]) -> None:
         """Shows it the pointers (k,), in the order of the instruction's DoFs."""
@@ -147,7 +147,7 @@ class BodyWearer:
 
     def _choose(self, number: int) -> None:
         """Begins what is due."""
-        if self._told:
+        if self._instructed:
             if self._number != len(self._given) - 1:
                 self._begin(len(self._given) - 1, number)
         elif self._changes:
@@ -282,15 +282,15 @@ class BodyWearer:
 
     def save(self) -> Array:
         """Its state. Instructions are meant by their numbers: it can only be restored where they were given, too."""
-        head = [self._number, self._started, self._since, self._takes, self._told, len(self._given)]
+        head = [self._number, self._started, self._since, self._takes, self._instructed, len(self._given)]
         own = [getattr(self, name).ravel() for name in _STATE]
         return np.concatenate([head, *own, self._unsteady.save(), self._tracker.save()])
 
     def restore(self, state: Array) -> None:
         """Restores a state returned by `save`."""
-        number, started, since, takes, told, count = state[:6].tolist()
+        number, started, since, takes, instructed, count = state[:6].tolist()
         self._number, self._started, self._since, self._takes = int(number), int(started), since, takes
-        self._told = bool(told)
+        self._instructed = bool(instructed)
         if count > len(self._given):
             raise ValueError("this wearer wasn't given all the instructions of the saved one")
         del self._given[int(count) :]

@@ -28,12 +28,12 @@ class WholeBodyWearer:
         self.offsets = self._person.offsets
         self._pause = pause
         self._now = 0.0
-        self._told = False
+        self._instructed = False
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Hips (3,), m, and unit quaternions (59, 4), w x y z, at t seconds."""
         self._now = max(t, self._now)
-        while not self._told and (begins := self._due(self._person.count)) <= t:
+        while not self._instructed and (begins := self._due(self._person.count)) <= t:
             self._person.instruct(begins, self._planned(self._person.count))
         return self._person.at(t)
 
@@ -45,22 +45,22 @@ class WholeBodyWearer:
     def instruct(self, instruction: Instruction) -> None:
         """Ends what it is doing, and the plan, and begins this. Raises ValueError: a whole body can't."""
         self._person.instruct(self._now, instruction)
-        self._told = True
+        self._instructed = True
 
     def see(self, pointers: Sequence[float]) -> None:
         """It watches nothing."""
 
     def save(self) -> Array:
         """Its state. It can only be restored where the same instructions were given."""
-        return np.array([self._now, self._told, self._person.count], float)
+        return np.array([self._now, self._instructed, self._person.count], float)
 
     def restore(self, state: Array) -> None:
         """Restores a state returned by `save`. Raises ValueError: it wasn't given all the instructions."""
-        now, told, count = state.tolist()
+        now, instructed, count = state.tolist()
         if count > self._person.count:
             raise ValueError("this wearer wasn't given all the instructions of the saved one")
         self._person.forget(int(count))
-        self._now, self._told = now, bool(told)
+        self._now, self._instructed = now, bool(instructed)
 
     def _due(self, number: int) -> float:
         action, rest = divmod(number, 2)

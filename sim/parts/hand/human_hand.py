@@ -14,7 +14,7 @@ from srl.runtime.contracts.terms import POINT, POSE
 from srl.runtime.models.human_hand import FINGERS
 from srl.runtime.models.models import HandOption, named
 from srl.sim.parts.hand.hand import add_hand
-from srl.sim.wearer import ToldWearer, Wearer, WearerConfig, make_wearer
+from srl.sim.wearer import InstructedWearer, Wearer, WearerConfig, make_wearer
 from srl.sim.world.part import Mjcf, Part, PartConfig
 
 _TICK: Final = 10_000_000  # ns; period at which the wearer's intention is read and the hand's motion is stored
@@ -50,8 +50,8 @@ class HumanHandPart(Part):
         self._config = config = cast(HumanHandConfig, config)
         self.wearer: Wearer = make_wearer(config.wearer, seed, config.model.ranges)
         if (fitted := self.wearer.fitted) is not None:
-            told = self.doubts if fitted.doubtful else self.remarks
-            told += [("wearer.recording", line) for line in fitted.told()]
+            warned = self.warnings if fitted.doubtful else self.remarks
+            warned += [("wearer.recording", line) for line in fitted.reported()]
             if fitted.constant:
                 still = f"these don't move, so they were probably not measured: {', '.join(fitted.constant)}"
                 self.remarks.append(("wearer.recording", still))
@@ -113,12 +113,12 @@ class HumanHandPart(Part):
         truth[f"{self.name}_pose"][:3], truth[f"{self.name}_pose"][3:] = self._origin, self._turn
 
     def save(self) -> Array:
-        told = self.wearer.save() if isinstance(self.wearer, ToldWearer) else np.empty(0)
-        return np.concatenate([self._past.ravel(), told])
+        warned = self.wearer.save() if isinstance(self.wearer, InstructedWearer) else np.empty(0)
+        return np.concatenate([self._past.ravel(), warned])
 
     def restore(self, state: Array) -> None:
         self._past[...] = state[: self._past.size].reshape(self._past.shape)
-        if isinstance(self.wearer, ToldWearer):
+        if isinstance(self.wearer, InstructedWearer):
             self.wearer.restore(state[self._past.size :])
 
     def position(self, at: int | None = None) -> Array:

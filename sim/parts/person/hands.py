@@ -46,7 +46,7 @@ class HandsPart(Part):
         self.wearer = self
         self.truth = (Signal(name=f"{name}_turn", shape=(4,), unit="1", labels=QUATERNION),)
         self.every = 1
-        self._from, self._to, self._since, self._told = Rotation.identity(), Rotation.identity(), 0.0, 0
+        self._from, self._to, self._since, self._instructed = Rotation.identity(), Rotation.identity(), 0.0, 0
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         self.moves_freely(mjcf, parent)
@@ -75,8 +75,8 @@ class HandsPart(Part):
         if not isinstance(instruction, Turn):
             raise ValueError(f"hands that hold a thing aren't told to {type(instruction).__name__}: Turn or Rest")
         self._from, self._since = self._target(float(self._data.time)), float(self._data.time)
-        self._told += 1
-        random = np.random.default_rng((self.seed, self._told))
+        self._instructed += 1
+        random = np.random.default_rng((self.seed, self._instructed))
         up, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [instruction.up])
         about = Rotation.from_rotvec([0.0, 0.0, random.uniform(-np.pi, np.pi)])
         more = (1.0 + 3.0 * min(instruction.again, 1)) * self._config.askew
@@ -100,8 +100,8 @@ class HandsPart(Part):
         truth[self.truth[0].name][:] = self._data.xquat[self._body]
 
     def save(self) -> Array:
-        return np.array([*self._from.as_quat(), *self._to.as_quat(), self._since, self._told])
+        return np.array([*self._from.as_quat(), *self._to.as_quat(), self._since, self._instructed])
 
     def restore(self, state: Array) -> None:
         self._from, self._to = Rotation.from_quat(state[:4]), Rotation.from_quat(state[4:8])
-        self._since, self._told = float(state[8]), int(state[9])
+        self._since, self._instructed = float(state[8]), int(state[9])

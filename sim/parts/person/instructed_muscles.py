@@ -20,7 +20,7 @@ _FADED: Final = 20.0  # lags, after which nothing is left of what was before
 
 
 @dataclass(frozen=True)
-class _Told:
+class _Instructed:
     """From `since` s on, contracts a muscle ("": none) with this strength."""
 
     muscle: str
@@ -53,7 +53,7 @@ class MusclesPart(Part):
         self._config = config
         self.wearer = self
         self._data: Any = None
-        self._given = [_Told("", 0.0, -1e9)]
+        self._given = [_Instructed("", 0.0, -1e9)]
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         """It has no body."""
@@ -67,18 +67,18 @@ class MusclesPart(Part):
 
     def _at(self, muscle: str, t: float, number: int) -> float:
         """The activation at t s, if what was told last is `number`."""
-        config, told = self._config, self._given[number]
+        config, instructed = self._config, self._given[number]
         if not number:
             return config.tone
-        late = t - told.since - config.reaction
+        late = t - instructed.since - config.reaction
         # What was told before goes on until the reaction to this, and fades with the lag.
-        begins = told.since + min(max(late, -config.reaction), 0.0) + config.reaction
+        begins = instructed.since + min(max(late, -config.reaction), 0.0) + config.reaction
         before = self._at(muscle, begins, number - 1) if late < _FADED * config.lag else 0.0
         if late <= 0.0:
             return before
         goal = config.tone
-        if told.muscle:
-            goal = told.strength * (1.0 if muscle == told.muscle else config.others)
+        if instructed.muscle:
+            goal = instructed.strength * (1.0 if muscle == instructed.muscle else config.others)
             goal *= 1.0 + 0.5 * config.tremor * sum(np.sin(2.0 * np.pi * f * t) for f in _TREMOR)
         return float(np.clip(goal + (before - goal) * exp(-late / config.lag), 0.0, 1.0))
 
@@ -99,7 +99,7 @@ class MusclesPart(Part):
         now = float(self._data.time)
         random = np.random.default_rng((self.seed, len(self._given)))
         strength = float(np.clip(random.normal(self._config.effort, self._config.spread), 0.05, 1.0))
-        self._given.append(_Told(muscle, strength, now))
+        self._given.append(_Instructed(muscle, strength, now))
 
     def see(self, pointers: Any) -> None:
         """Muscles see nothing."""

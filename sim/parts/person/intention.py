@@ -28,7 +28,7 @@ class Aim:
 
     step: float = 0.0
     due: float = 0.0  # when the step begins
-    begun: float = -1.0
+    started: float = -1.0
     settled: float = -1.0  # since when within the tolerances; on a curve: last time when the error was small enough
     length: float = 0.0  # s, duration of a reaching motion
     start: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -105,7 +105,7 @@ class Intention:
     @property
     def acting(self) -> Step | None:
         """The step being carried out; None before its reaction time is over."""
-        return self.step if self.aim.begun >= 0 else None
+        return self.step if self.aim.started >= 0 else None
 
     @property
     def pushing(self) -> tuple[Vector, float] | None:
@@ -115,7 +115,7 @@ class Intention:
 
     def pressed(self, button: str) -> bool:
         """Whether a button is pressed now."""
-        if self.aim.begun < 0:  # as `acting`: this is asked of each button in each cycle
+        if self.aim.started < 0:  # as `acting`: this is asked of each button in each cycle
             return False
         step = self.step
         return isinstance(step, Press) and step.button == button
@@ -123,7 +123,7 @@ class Intention:
     def quit(self) -> None:
         """Ends the plan early."""
         self.aim.step = float(len(self.plan))
-        self.aim.begun = -1.0
+        self.aim.started = -1.0
         self._rest()
 
     def update(self, t: float, dt: float, seen: Pose, felt: Pose, off: float) -> None:
@@ -139,12 +139,12 @@ class Intention:
         aim, step = self.aim, self.step
         if step is None:
             return
-        if aim.begun < 0:
+        if aim.started < 0:
             if t < aim.due:
                 return
-            aim.begun, aim.settled, aim.way, aim.pace, aim.stop, aim.paused = t, -1.0, 0.0, 0.0, 0.0, -1.0
+            aim.started, aim.settled, aim.way, aim.pace, aim.stop, aim.paused = t, -1.0, 0.0, 0.0, 0.0, -1.0
             self._begin(step)
-        since = t - aim.begun
+        since = t - aim.started
         if isinstance(step, GoTo):
             done = self._reach(step, t, since, seen)
         elif isinstance(step, Follow):
@@ -157,7 +157,7 @@ class Intention:
             done = since >= step.seconds
         if done:
             self._rest()
-            aim.step, aim.begun, aim.due = aim.step + 1.0, -1.0, t + self._reaction
+            aim.step, aim.started, aim.due = aim.step + 1.0, -1.0, t + self._reaction
 
     # -- steps
 
@@ -171,7 +171,7 @@ class Intention:
             if _apart(aim.start, aim.goal) < 1e-3:
                 aim.length = 0.0
         elif isinstance(step, Insert | Withdraw):
-            aim.push, aim.deepest, aim.settled = step.force, 0.0, aim.begun
+            aim.push, aim.deepest, aim.settled = step.force, 0.0, aim.started
 
     def _goal(self, step: GoTo) -> Pose:
         x, y, z, *q = self.aim.pose

@@ -53,7 +53,7 @@ _ZERO: Final = (0.0, 0.0, 0.0)
 class _Body:
     """The state between two updates, apart from the intention, and values of the previous update."""
 
-    begun: float = 0.0
+    started: float = 0.0
     place: Vector = _ZERO  # position of the hand, m
     turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
     meant: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the aim after the muscles' delay
@@ -201,7 +201,7 @@ class PersonPart(Part):
         body, config, dt, number = self._body, self._config, self._dt, step // self.every
         reach, grip = turned(turn, self._reach[0]), product(turn, self._reach[1])
         tool: Pose = (place[0] + reach[0], place[1] + reach[1], place[2] + reach[2], *grip)
-        if not body.begun:
+        if not body.started:
             self._begin(tool, place, turn)
         px, py, pz = body.place
         vx, vy, vz = (place[0] - px) / dt, (place[1] - py) / dt, (place[2] - pz) / dt
@@ -268,7 +268,7 @@ class PersonPart(Part):
 
     def _begin(self, tool: Pose, place: Vector, turn: Quaternion) -> None:
         body = self._body
-        body.begun = 1.0
+        body.started = 1.0
         body.place, body.turn, body.meant = place, turn, tool
         self.intention.begin(tool)
         self._sight.begin(tool)
@@ -373,7 +373,7 @@ class PersonPart(Part):
         push(*place, *body.wrench[:3])
         balance(*body.balance)
         its_tool(*tool)
-        its_aim(*(aim.pose[:3] if body.begun else tool))
+        its_aim(*(aim.pose[:3] if body.started else tool))
         activation(*body.active)
         capacity(body.capacity)
         progress(aim.step, aim.missed, body.gave_up)

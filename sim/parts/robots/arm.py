@@ -49,7 +49,7 @@ class ArmConfig(PartConfig):
     """Options of an arm."""
 
     home: tuple[Finite, ...] | None = HOME  # an arm's own options give it the names of its joints
-    told_payload: PayloadConfig = Field(
+    declared_payload: PayloadConfig = Field(
         default=PayloadConfig(), description="what gravity compensation reckons with besides the arm"
     )
     damping: float = Field(default=0.1, ge=0, description="N m s/rad of each joint")
@@ -76,7 +76,7 @@ class ArmPart(Part):
         labels: names of the joints.
         home: (n,) rad, start position.
         mode: the drives' present mode.
-        told: the payload used for gravity compensation.
+        declared: the payload used for gravity compensation.
     """
 
     Config: ClassVar[type[PartConfig]] = ArmConfig
@@ -162,8 +162,8 @@ class ArmPart(Part):
         self._full = np.zeros((6, model.nv))
         self._timestep = float(model.opt.timestep)
         self._gravity = np.array(model.opt.gravity)
-        told = self._config.told_payload
-        self.tell_payload(told.mass, told.com)
+        declared = self._config.declared_payload
+        self.tell_payload(declared.mass, declared.com)
         self._engage()
 
     def drive(self, step: int) -> None:
@@ -219,11 +219,11 @@ class ArmPart(Part):
     def tell_payload(self, mass: float, com: tuple[float, float, float] | Array) -> None:
         """Sets the payload in the arm's controller: kg, and its centre of mass in the flange frame, m."""
         x, y, z = (float(v) for v in com)
-        self.told = Payload(float(mass), (x, y, z))
+        self.declared = Payload(float(mass), (x, y, z))
         self._model.body_gravcomp[self._speck] = mass / SPECK
         self._model.body_ipos[self._speck] = x, y, z
-        self._told_weight = -self.told.mass * self._gravity
-        self._known = pinocchio_model(self.robot, payload=self.told, rotors=True)
+        self._declared_weight = -self.declared.mass * self._gravity
+        self._known = pinocchio_model(self.robot, payload=self.declared, rotors=True)
         self._known_data = self._known.createData()
 
     # -- state; all of the world's present instant; effort and wrench are of the step that led to it
@@ -322,8 +322,8 @@ class ArmPart(Part):
         self._places.take(self._chain, 0, truth[f"{name}_links"], "clip")
 
     def save(self) -> Array:
-        told = (self.told.mass, *self.told.com)
-        head = np.array([float(_MODES.index(self.mode)), *told])
+        declared = (self.declared.mass, *self.declared.com)
+        head = np.array([float(_MODES.index(self.mode)), *declared])
         own = self.wearer.save() if self.wearer is not None else np.empty(0)
         return np.concatenate([head, self._reference, self._rate, self._measure(), own])
 
@@ -388,10 +388,10 @@ class ArmPart(Part):
             wrench = self._pushes[body]
             mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], self._middles[body], body, total)
         mounted = self._subtree_masses.item(flange)
-        if mounted > 3 * SPECK or self.told.mass:
+        if mounted > 3 * SPECK or self.declared.mass:
             if mounted != self._mounted[0]:
                 self._mounted = mounted, mounted * self._gravity
-            weight, told = self._mounted[1], self._told_weight
+            weight, declared = self._mounted[1], self._declared_weight
             mujoco.mj_applyFT(model, data, weight, _NONE, self._subtrees[flange], flange, total)
-            mujoco.mj_applyFT(model, data, told, _NONE, self._middles[self._speck], flange, total)
+            mujoco.mj_applyFT(model, data, declared, _NONE, self._middles[self._speck], flange, total)
         return cast(Array, total[self._dofs])

@@ -22,7 +22,7 @@ class Guided:
     def __init__(self, robot: RobotDescription, home: Array, seed: int) -> None:
         self._robot, self._home, self._seed = robot, home, seed
         self._from, self._to = home.copy(), home.copy()
-        self._since, self._told = 0.0, 0
+        self._since, self._instructed = 0.0, 0
         self._now = 0.0
 
     @property
@@ -37,8 +37,8 @@ class Guided:
         if not isinstance(instruction, Lead):
             raise ValueError(f"who leads an arm isn't told to {type(instruction).__name__}: Lead or Rest")
         self._from, self._since = self.at(self._now), self._now
-        self._told += 1
-        random = np.random.default_rng((self._seed, instruction.number, self._told))
+        self._instructed += 1
+        random = np.random.default_rng((self._seed, instruction.number, self._instructed))
         q = self._home + random.uniform(-_REACH, _REACH, self._robot.n)
         self._to = np.clip(q, self._robot.q_lower + _ROOM, self._robot.q_upper - _ROOM)
 
@@ -53,9 +53,9 @@ class Guided:
         return found
 
     def save(self) -> Array:
-        return np.array([*self._from, *self._to, self._since, self._told, self._now])
+        return np.array([*self._from, *self._to, self._since, self._instructed, self._now])
 
     def restore(self, state: Array) -> None:
         n = self._robot.n
         self._from, self._to = state[:n].copy(), state[n : 2 * n].copy()
-        self._since, self._told, self._now = float(state[2 * n]), int(state[2 * n + 1]), float(state[2 * n + 2])
+        self._since, self._instructed, self._now = float(state[2 * n]), int(state[2 * n + 1]), float(state[2 * n + 2])

@@ -35,7 +35,7 @@ def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:
 @pytest.mark.parametrize(("option", "holds"), [((), False), (POINTS, True), ((*POINTS, "parent_tip=0,0,0.12"), False)])
 def test_what_turns_in_place_isnt_still(option: tuple[str, ...], holds: bool) -> None:
     actor = Leader(option)
-    procedure = Procedure(actor.taps.options.plan, Thresholds())
+    procedure = Procedure(actor.channel_map.options.plan, Thresholds())
     while procedure.step.kind is not Kind.HOLD:
         feed(actor, procedure, 0.1)
     actor.turning = 0.1  # rad/s; its origin stays where it is
@@ -68,8 +68,9 @@ def test_a_pose_left_out_counts_for_nothing() -> None:
     assert procedure.done
     assert procedure.view().states[2] == "left out"
     found = frame_method.FrameMethod.compute(
-        object.__new__(frame_method.FrameMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
-        actor.taps.date(actor.rows[0]),
+        object.__new__(frame_method.FrameMethod), actor.channel_map,
+        [actor.channel_map.samples(np.concatenate(actor.rows))],
+        actor.channel_map.date(actor.rows[0]),
     )  # fmt: skip
     assert found.mount.numbers == (1, 2, 4, 5, 6, 7)
     assert procedure.redo(1) == ""
@@ -93,4 +94,4 @@ def feed(actor: Leader, procedure: Procedure, seconds: float) -> None:
     while actor.count < end and not procedure.done:
         if procedure.step is not actor.step:
             actor.begin(procedure)
-        procedure.feed(actor.taps.samples(actor.take()))
+        procedure.feed(actor.channel_map.samples(actor.take()))

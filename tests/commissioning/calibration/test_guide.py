@@ -13,6 +13,7 @@ from helpers.calibration import FEW, QUICK, Actor, Person
 from helpers.recording import make_layout
 
 from srl.commissioning.calibration import report
+from srl.commissioning.calibration.channel_map import channel_map
 from srl.commissioning.calibration.guide import Guide, QuitError
 from srl.commissioning.calibration.ikns.marks import mark_of
 from srl.commissioning.calibration.ikns.procedure import Procedure
@@ -21,11 +22,10 @@ from srl.commissioning.calibration.ikns.steps import Kind, View
 from srl.commissioning.calibration.result import Result, compute, write
 from srl.commissioning.calibration.screen import Plain, Screen
 from srl.commissioning.calibration.sources import RowFile, Rows, recorded
-from srl.commissioning.calibration.taps import taps
 from srl.control.ikns import record
 from srl.control.ikns.calibration import CalibrationError
 from srl.runtime.contracts.errors import RecordingError, RequestError
-from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.ipc.header import CYCLE, State
 
 DAY = datetime.date(2023, 11, 14)  # of the actor's rows
 
@@ -34,13 +34,13 @@ class Typist(Screen):
     """Types when the procedure comes to a step."""
 
     def __init__(self, typed: dict[tuple[int, str], list[str]] | None = None) -> None:
-        self.typed, self.said, self.views = typed or {}, list[str](), list[View]()
+        self.typed, self.output, self.views = typed or {}, list[str](), list[View]()
 
     def show(self, view: View) -> None:
         self.views.append(view)
 
     def say(self, text: str) -> None:
-        self.said.append(text)
+        self.output.append(text)
 
     def command(self) -> str:
         if not self.views:
@@ -58,7 +58,7 @@ def guided(actor: Actor, screen: Screen | None = None, dofs: tuple[str, ...] = (
 
 def result_of(actor: Actor, guide: Guide) -> Result:
     assert guide.first is not None
-    return compute(actor.taps, guide.samples, actor.taps.date(guide.first))
+    return compute(actor.channel_map, guide.samples, actor.channel_map.date(guide.first))
 
 
 def done(actor: Actor, screen: Screen | None = None, dofs: tuple[str, ...] = ("swivel",)) -> Result:
@@ -81,11 +81,11 @@ def test_the_calibration_reads_the_dofs(dofs: tuple[str, ...], tmp_path: Path) -
     write(tmp_path / "p07.json", result, replacing=False)
     made = record.read(tmp_path / "p07.json")
     assert (made.person, made.dofs, made.frame, made.rate) == ("P07", dofs, "chest", 100.0)
-    assert made.joints == actor.taps.joints
+    assert made.joints == actor.channel_map.joints
     found = made.calibration()
     assert found.upper - found.lower == pytest.approx(np.ones((10, len(dofs))), abs=0.1)
-    told = report.crosstalk(result)
-    assert told is None if len(dofs) == 1 else told is not None and told < 0.05
+    reported = report.crosstalk(result)
+    assert reported is None if len(dofs) == 1 else reported is not None and reported < 0.05
 
 
 def test_the_points_of_the_file_are_those_of_the_guide(good: tuple[Actor, Result]) -> None:
@@ -138,7 +138,7 @@ def test_a_point_done_again_in_another_session_repairs_it() -> None:
     assert procedure.redo(3) == ""
     guide = Guide(again, procedure, Typist(), lambda: False)
     guide.run()
-    assert compute(bad.taps, [*before, *guide.samples], DAY).refusals == ()
+    assert compute(bad.channel_map, [*before, *guide.samples], DAY).refusals == ()
 
 
 def test_keys_redo_and_leave_out(good: tuple[Actor, Result]) -> None:
@@ -147,9 +147,9 @@ def test_keys_redo_and_leave_out(good: tuple[Actor, Result]) -> None:
     result = done(actor, screen)
     assert result.refusals == ()
     assert result.numbers == (1, 3, 4, 5, 6, 7, 8, 9, 10)
-    assert any("'x' is no command" in line for line in screen.said)
-    assert "the points are 1 to 10" in screen.said
-    assert joined([actor.taps.samples(np.concatenate(actor.rows))]).marks.max() == mark_of(9, 0)
+    assert any("'x' is no command" in line for line in screen.output)
+    assert "the points are 1 to 10" in screen.output
+    assert joined([actor.channel_map.samples(np.concatenate(actor.rows))]).marks.max() == mark_of(9, 0)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_a_point_left_out_is_in_no_file(typed: dict[tuple[int, str], list[str]])
     result = result_of(actor, guide)
     assert result.numbers == (1, 2, 4, 5, 6, 7, 8, 9, 10)
     assert result.refusals == ()
-    again = compute(actor.taps, [actor.taps.samples(np.concatenate(actor.rows))], DAY)
+    again = compute(actor.channel_map, [actor.channel_map.samples(np.concatenate(actor.rows))], DAY)
     assert (again.found.sites == result.found.sites).all()
 
 
@@ -243,7 +243,7 @@ def test_a_recording_gives_the_same_file_to_the_bit(good: tuple[Actor, Result], 
     for rows in actor.rows:
         file.add(rows)
     file.close()
-    where, rows = recorded(tmp_path / "run.rrd", taps)
+    where, rows = recorded(tmp_path / "run.rrd", channel_map)
     again = compute(where, [where.samples(rows)], where.date(rows))
     write(tmp_path / "a.json", result, replacing=False)
     write(tmp_path / "b.json", again, replacing=False)
@@ -252,23 +252,23 @@ def test_a_recording_gives_the_same_file_to_the_bit(good: tuple[Actor, Result], 
 
 def test_a_recording_without_marks_has_clusters_alone(good: tuple[Actor, Result]) -> None:
     actor, result = good
-    samples = actor.taps.samples(np.concatenate(actor.rows))
-    plain = actor.taps.__class__(**{**vars(actor.taps), "mark": None})
+    samples = actor.channel_map.samples(np.concatenate(actor.rows))
+    plain = actor.channel_map.__class__(**{**vars(actor.channel_map), "mark": None})
     keep = samples.marks >= mark_of(0, 0)
     some = type(samples)(samples.times[keep], samples.angles[keep], samples.hand[keep], samples.marks[keep])
     found = compute(plain, [some], DAY)
     assert found.refusals == ()
     gaps = np.linalg.norm(found.found.sites[:, None] - result.found.sites, axis=2).min(axis=1)
     assert gaps.max() < 0.01
-    options = actor.taps.options.model_copy(update={"dofs": ("swivel", "shrug")})
-    two = actor.taps.__class__(**{**vars(plain), "options": options})
+    options = actor.channel_map.options.model_copy(update={"dofs": ("swivel", "shrug")})
+    two = actor.channel_map.__class__(**{**vars(plain), "options": options})
     with pytest.raises(CalibrationError, match="can't tell 2 degrees of freedom apart"):
         compute(two, [some], DAY)
 
 
 def test_too_few_points_are_refused(good: tuple[Actor, Result]) -> None:
     actor, _ = good
-    samples = actor.taps.samples(np.concatenate(actor.rows))
+    samples = actor.channel_map.samples(np.concatenate(actor.rows))
     samples.marks[samples.marks >= mark_of(7, 0)] = 0
     with pytest.raises(CalibrationError, match="points: 7 points have a trial of each DoF, 8 are needed"):
         trials(samples, 1)
@@ -328,17 +328,17 @@ def test_a_folder_that_isnt_there_is_named(good: tuple[Actor, Result], tmp_path:
 @pytest.mark.slow
 def test_the_report_says_what_was_found(good: tuple[Actor, Result], tmp_path: Path) -> None:
     _, result = good
-    told = report.figures(result)
-    assert told["person"] == "P07"
-    assert [p["number"] for p in told["points"]] == list(range(1, 11))
-    assert told["points"][0]["dofs"]["swivel"]["range"] == pytest.approx(1.0, abs=0.1)
-    assert 0.0 < told["noise_per_mm"]["swivel"] < 0.1
-    assert told["refusals"] == []
+    reported = report.metrics(result)
+    assert reported["person"] == "P07"
+    assert [p["number"] for p in reported["points"]] == list(range(1, 11))
+    assert reported["points"][0]["dofs"]["swivel"]["range"] == pytest.approx(1.0, abs=0.1)
+    assert 0.0 < reported["noise_per_mm"]["swivel"] < 0.1
+    assert reported["refusals"] == []
     assert len(report.lines(result)) == 2 + 10 + 1
     report.draw(result, tmp_path / "p07.json.report.png")
     assert (tmp_path / "p07.json.report.png").read_bytes()[:4] == b"\x89PNG"
     bad = done(Actor(person=Person(wander={3: 0.1}, swing={5: 0.02})))
-    assert {r["place"] for r in report.figures(bad)["refusals"]} == {"point 3", "point 5"}
+    assert {r["place"] for r in report.metrics(bad)["refusals"]} == {"point 3", "point 5"}
     report.draw(bad, tmp_path / "bad.png")
 
 
@@ -347,6 +347,6 @@ def test_a_recording_of_something_else_is_refused(good: tuple[Actor, Result], tm
     layout = make_layout()
     layout.meta |= {"label": "made-up", "profile": "name: x\nrate: 10\ndevices: {a: {driver: ring}}", "overrides": []}
     with pytest.raises(RecordingError, match="has no marks"):
-        taps(layout, "x.rrd")
+        channel_map(layout, "x.rrd")
     with pytest.raises(RecordingError, match=r"no pose 'arm\.hand' in it"):
-        taps(layout, "x.rrd", actor.taps.options)
+        channel_map(layout, "x.rrd", actor.channel_map.options)

@@ -14,19 +14,19 @@ from helpers.calibration import PROFILE, Actor
 from helpers.run import environment, srl
 from helpers.wait import until
 
-from srl.commissioning.calibration.cut import build, cut
+from srl.commissioning.calibration.channel_map import channel_map
 from srl.commissioning.calibration.guide import Guide
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.live import Live
+from srl.commissioning.calibration.profile_subset import build, cut
 from srl.commissioning.calibration.result import compute, write
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import Rows, RowSource, recorded
-from srl.commissioning.calibration.taps import taps
 from srl.control.ikns.calibration import Thresholds
 from srl.runtime.contracts.wearer import Instruction
 from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, Latch, State
 from srl.runtime.ipc.run_folder import running
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, Latch, State
 from srl.runtime.profile import profile
 from srl.runtime.service.supervisor import state_dir
 from srl.sim.devices.vicon.fake import FakeVicon
@@ -39,15 +39,15 @@ FEW = Thresholds(points=8, samples=60)
 class Led(RowSource):
     """A live run whose simulated wearer is told what the person is."""
 
-    def __init__(self, live: Live, told: list[Instruction]) -> None:
-        self._live, self._told, self.taps = live, told, live.taps
+    def __init__(self, live: Live, reported: list[Instruction]) -> None:
+        self._live, self._reported, self.channel_map = live, reported, live.channel_map
 
     def take(self) -> Rows:
         return self._live.take()
 
     def begin(self, procedure: Any) -> None:
         self._live.begin(procedure)
-        self._told.append(procedure.instruction())
+        self._reported.append(procedure.instruction())
 
     def close(self) -> None:
         self._live.close()
@@ -63,14 +63,14 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
     assert isinstance(fake, FakeVicon)
     assert world is not None
     assert world.wearer is not None
-    wearer, told = world.wearer, list[Instruction]()
+    wearer, reported = world.wearer, list[Instruction]()
     twin = ViconTwin(fake)
     twin.open()
     start = time.monotonic_ns()
 
     def turn() -> None:
-        if told:
-            wearer.instruct(told.pop(0))
+        if reported:
+            wearer.instruct(reported.pop(0))
         now = time.monotonic_ns() - start
         world.advance(now)
         twin.service(now)
@@ -80,8 +80,8 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
         with repeating(turn, 0.002):
             text = PROFILE.replace("tcp://192.168.10.1:801", twin.address)
             made, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
-            live = Live(source, taps, made.name, tmp_path / "live.rrd", False, lines.append)
-            led = Led(live, told)
+            live = Live(source, channel_map, made.name, tmp_path / "live.rrd", False, lines.append)
+            led = Led(live, reported)
             guide = Guide(led, Procedure(("swivel",), FEW, PLAN), Plain(lines.append), lambda: False)
             try:
                 guide.run()
@@ -90,10 +90,10 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
     finally:
         twin.close()
     assert guide.first is not None
-    found = compute(led.taps, guide.samples, led.taps.date(guide.first))
+    found = compute(led.channel_map, guide.samples, led.channel_map.date(guide.first))
     assert [str(reason) for reason in found.refusals] == [], lines
     assert (found.found.upper - found.found.lower).min() > 1.0
-    where, rows = recorded(tmp_path / "live.rrd", taps)
+    where, rows = recorded(tmp_path / "live.rrd", channel_map)
     again = compute(where, [where.samples(rows)], where.date(rows))
     write(tmp_path / "a.json", found, replacing=False)
     write(tmp_path / "b.json", again, replacing=False)
@@ -108,7 +108,7 @@ def test_a_run_that_doesnt_start_says_why(tmp_path: Path, monkeypatch: pytest.Mo
     text = PROFILE.replace("tcp://192.168.10.1:801", "tcp://127.0.0.1:9")
     _, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
     with pytest.raises(Exception, match="mocap"):
-        Live(source, taps, "worn", None, False, lambda text: None)
+        Live(source, channel_map, "worn", None, False, lambda text: None)
     assert running() == []
 
 
@@ -116,7 +116,7 @@ def started(folder: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> 
     for name, value in environment(folder).items():
         monkeypatch.setenv(name, value)
     _, source = cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True)
-    return Live(source, taps, "worn", None, False, lines.append, sim=True)
+    return Live(source, channel_map, "worn", None, False, lines.append, sim=True)
 
 
 @pytest.mark.slow
@@ -188,4 +188,4 @@ def test_only_the_loss_of_a_device_ends_by_itself(
     row = actor.graph.row
     row.ints[[CYCLE.state, CYCLE.cause, CYCLE.latches]] = state, cause, standing
     row.devices[:, DEVICE.link] = link
-    assert actor.taps.may_begin_again(row.words) is again
+    assert actor.channel_map.may_begin_again(row.words) is again

@@ -12,11 +12,11 @@ import pytest
 from helpers.background import repeating
 from helpers.glove_calibration import GAIN, NAMES, OFFSET, PROFILE
 
-from srl.commissioning.calibration.cut import build
 from srl.commissioning.calibration.glove.method import GloveMethod
 from srl.commissioning.calibration.guide import Guide
 from srl.commissioning.calibration.live import Live
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import Rows, RowSource, recorded
 from srl.runtime.contracts.wearer import Instruction
@@ -31,15 +31,15 @@ OPTION = ("read=1", "hold=1", "settle=0.5")
 class Led(RowSource):
     """A live run whose simulated hand is told what the person is."""
 
-    def __init__(self, live: Live, told: list[Instruction]) -> None:
-        self._live, self._told, self.taps = live, told, live.taps
+    def __init__(self, live: Live, reported: list[Instruction]) -> None:
+        self._live, self._reported, self.channel_map = live, reported, live.channel_map
 
     def take(self) -> Rows:
         return self._live.take()
 
     def begin(self, procedure: Any) -> None:
         self._live.begin(procedure)
-        self._told.append(procedure.instruction())
+        self._reported.append(procedure.instruction())
 
     def close(self) -> None:
         self._live.close()
@@ -47,7 +47,7 @@ class Led(RowSource):
 
 def method(text: str, sim: bool, *override: str) -> GloveMethod:
     checked, source = profile.parse("worn.yaml", text, override)
-    order = Order("worn.yaml", "glove", option=OPTION, sim=sim)
+    order = CalibrationRequest("worn.yaml", "glove", option=OPTION, sim=sim)
     return GloveMethod(order, checked, source, Path("p07.json"), lambda _: None)
 
 
@@ -63,14 +63,14 @@ def test_a_worn_glove_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.Mon
     assert isinstance(fake, FakeCyberGlove)
     assert world is not None
     assert world.wearer is not None
-    wearer, told = world.wearer, list[Instruction]()
+    wearer, reported = world.wearer, list[Instruction]()
     twin = CyberGloveTwin(fake)
     twin.open()
     start = time.monotonic_ns()
 
     def turn() -> None:
-        if told:
-            wearer.instruct(told.pop(0))
+        if reported:
+            wearer.instruct(reported.pop(0))
         now = time.monotonic_ns() - start
         world.advance(now)
         twin.service(now)
@@ -81,8 +81,8 @@ def test_a_worn_glove_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.Mon
             made = method(PROFILE.replace("/dev/ttyUSB0", twin.address), False)
             checked, source = made.cut("P07")
             assert list(checked.devices) == ["glove"]
-            live = Live(source, made.taps, checked.name, tmp_path / "live.rrd", False, lines.append)
-            led = Led(live, told)
+            live = Live(source, made.channel_map, checked.name, tmp_path / "live.rrd", False, lines.append)
+            led = Led(live, reported)
             guide = Guide(led, made.procedure([]), Plain(lines.append), lambda: False)
             try:
                 guide.run()
@@ -91,12 +91,12 @@ def test_a_worn_glove_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.Mon
     finally:
         twin.close()
     assert guide.first is not None
-    found = made.compute(led.taps, guide.samples, led.taps.date(guide.first))
+    found = made.compute(led.channel_map, guide.samples, led.channel_map.date(guide.first))
     assert [str(reason) for reason in found.refusals] == [], lines
     assert not found.simulated
     np.testing.assert_allclose(found.glove.offset, OFFSET[:19], atol=1.0)
     np.testing.assert_allclose(found.glove.gain, GAIN[:19], rtol=0.03)
-    taps, rows = recorded(tmp_path / "live.rrd", made.taps)
-    again = made.compute(taps, [taps.samples(rows)], taps.date(rows))
+    channel_map, rows = recorded(tmp_path / "live.rrd", made.channel_map)
+    again = made.compute(channel_map, [channel_map.samples(rows)], channel_map.date(rows))
     assert made.record(again) == made.record(found)
     assert running() == []

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from helpers.calibration import FEW, PROFILE
 
-from srl.commissioning.calibration.cut import MARKS, _build, build, cut
+from srl.commissioning.calibration.profile_subset import MARKS, _build, build, cut
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.errors import ProfileError, SrlError, WiringError

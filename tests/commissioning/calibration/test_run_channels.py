@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from srl.commissioning.calibration.run_taps import RunTaps
-from srl.commissioning.calibration.task.method import Taps
+from srl.commissioning.calibration.run_channels import RunChannels
+from srl.commissioning.calibration.task.method import ChannelMap
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, State
 
 
 @pytest.fixture
@@ -30,8 +30,8 @@ def test_what_a_lost_suit_showed_last_counts_for_nothing(layout: Layout, link: i
     rows[1, layout.device(0)][DEVICE.link] = link
     rows[:, layout.ints :] = np.full((3, layout.width - layout.ints), 0.5).view(np.int64)
     nowhere = np.array([], np.intp)
-    taps: RunTaps = Taps(layout, None, "task-marks", None, nowhere, nowhere)  # type: ignore[arg-type]
-    floats = taps.floats(rows)
+    channel_map: RunChannels = ChannelMap(layout, None, "task-marks", None, nowhere, nowhere)  # type: ignore[arg-type]
+    floats = channel_map.floats(rows)
     suit, arm, mark = (layout.fields[n] for n in ("suit.rotation", "arm.position", "marks.mark"))
     assert np.isnan(floats[1, suit.offset : suit.offset + 4]).all()
     assert np.isfinite(np.delete(floats, 1, axis=0)).all()

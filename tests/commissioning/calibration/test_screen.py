@@ -14,7 +14,7 @@ from rich.console import Console
 from srl.commissioning.calibration import method, session
 from srl.commissioning.calibration.guide import QuitError
 from srl.commissioning.calibration.ikns.steps import Kind, Step, View
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.screen import Screen, Terminal, picture
 from srl.control.ikns import record
 from srl.runtime.contracts.errors import SrlError
@@ -83,13 +83,13 @@ class Answers(Screen):
     """Answers the questions at the end."""
 
     def __init__(self, *answers: str, then: Callable[[], None] = lambda: None) -> None:
-        self.answers, self.then, self.said, self.asked = list(answers), then, list[str](), list[str]()
+        self.answers, self.then, self.output, self.asked = list(answers), then, list[str](), list[str]()
 
     def show(self, view: View) -> None:
         pass
 
     def say(self, text: str) -> None:
-        self.said.append(text)
+        self.output.append(text)
 
     def ask(self, question: str, wait: Callable[[], None]) -> str:
         wait()
@@ -108,15 +108,15 @@ def actor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Actor:
     return made
 
 
-def ordered(out: str) -> Order:
-    return Order("worn.yaml", person="P07", out=Path(out), sim=True, option=QUICK)
+def ordered(out: str) -> CalibrationRequest:
+    return CalibrationRequest("worn.yaml", person="P07", out=Path(out), sim=True, option=QUICK)
 
 
 @pytest.mark.slow
 def test_a_sense_turned_round_stays_so_when_a_point_is_done_again(actor: Actor) -> None:
     screen = Answers("f swivel", "f twist", "r 2", "")
     assert session.run(ordered("a.json"), screen) == 0
-    assert any("no degree of freedom 'twist'" in line for line in screen.said)
+    assert any("no degree of freedom 'twist'" in line for line in screen.output)
     assert session.run(ordered("b.json"), Answers("")) == 0
     turned, plain = (record.read(Path(name)).calibration() for name in ("a.json", "b.json"))
     assert (np.sum(turned.directions * plain.directions, axis=2) < -0.99).all()
@@ -126,7 +126,7 @@ def test_a_word_that_is_no_command_writes_nothing(actor: Actor, tmp_path: Path) 
     screen = Answers("redo 5", "F swivel", "no", "r", "r x", "q")
     with pytest.raises(QuitError):
         session.run(ordered("a.json"), screen)
-    assert sum("is no command" in line for line in screen.said) == 5
+    assert sum("is no command" in line for line in screen.output) == 5
     assert not (tmp_path / "a.json").exists()
 
 
@@ -135,7 +135,7 @@ def test_a_refused_point_is_done_again_at_once(actor: Actor) -> None:
     actor.person = Person(wander={3: 0.1})
     screen = Answers("r 99", "r 3", "", then=lambda: setattr(actor, "person", Person()))
     assert session.run(ordered("a.json"), screen) == 0
-    assert any(line.startswith("refused: point 3: ") for line in screen.said)
+    assert any(line.startswith("refused: point 3: ") for line in screen.output)
     assert "Enter" not in screen.asked[0]
     assert "Enter" in screen.asked[-1]
 
@@ -145,7 +145,7 @@ def test_a_point_without_markers_is_done_again_at_once(actor: Actor) -> None:
     actor.person = Person(hidden={4})
     screen = Answers("r 4", "", then=lambda: setattr(actor, "person", Person()))
     assert session.run(ordered("a.json"), screen) == 0
-    assert any("point 4: no sample of its trial has angles and hand" in line for line in screen.said)
+    assert any("point 4: no sample of its trial has angles and hand" in line for line in screen.output)
 
 
 @pytest.mark.slow

@@ -61,9 +61,9 @@ def test_the_file_goes_where_the_profile_says(
     assert (folder / "p07.json.report.png").read_bytes().startswith(b"\x89PNG")
     assert record.read(folder / "p07.json").person == "P07"
     assert {p.name for p in folder.iterdir()} == {"worn.yaml", "p07.json", "p07.json.report.png"}
-    said = capsys.readouterr()
-    assert "Take the hand to point 10 of 10" in said.err
-    assert [Path(line).name for line in said.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
+    output = capsys.readouterr()
+    assert "Take the hand to point 10 of 10" in output.err
+    assert [Path(line).name for line in output.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
 
 
 def test_the_law_reads_it_and_without_it_the_profile_lacks_it(
@@ -78,9 +78,9 @@ def test_the_law_reads_it_and_without_it_the_profile_lacks_it(
 @pytest.mark.slow
 def test_one_object_says_all(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("--sim", "--person", "P07", "--json", "-o", "other.json", "--flip", "swivel") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["file"] == "other.json"
-    assert len(told["points"]) == 10
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["file"] == "other.json"
+    assert len(reported["points"]) == 10
     assert command("--sim", "--person", "P07", "-o", "plain.json") == 0
     flipped, plain = (record.read(folder / name).calibration() for name in ("other.json", "plain.json"))
     assert (flipped.directions == -plain.directions).all()
@@ -92,11 +92,11 @@ def test_a_refused_calibration_writes_nothing(
 ) -> None:
     actor = Actor(person=Person(wander={3: 0.1}, swing={5: 0.02}))
     assert command("--sim", "--person", "P07", "--json", actor=actor) == 2
-    said = capsys.readouterr()
-    assert "srl calibrate: point 3: " in said.err
-    assert "srl calibrate: point 5: the range is 0.02 rad" in said.err
-    assert "Redo the point" in said.err
-    assert {r["place"] for r in json.loads(said.out)["refusals"]} == {"point 3", "point 5"}
+    output = capsys.readouterr()
+    assert "srl calibrate: point 3: " in output.err
+    assert "srl calibrate: point 5: the range is 0.02 rad" in output.err
+    assert "Redo the point" in output.err
+    assert {r["place"] for r in json.loads(output.out)["refusals"]} == {"point 3", "point 5"}
     assert [p.name for p in folder.iterdir()] == ["worn.yaml"]
 
 
@@ -236,7 +236,9 @@ def test_a_trial_in_which_a_recording_ends_replaces_no_whole_one(
 @pytest.mark.slow
 def test_a_recordings_own_thresholds_stand_but_for_those_that_are_typed(command: Command, folder: Path) -> None:
     actor = Actor()
-    actor.taps.layout.meta["profile"] = actor.taps.layout.meta["profile"].replace("wander: 0.02", "wander: 0.015")
+    actor.channel_map.layout.meta["profile"] = actor.channel_map.layout.meta["profile"].replace(
+        "wander: 0.02", "wander: 0.015"
+    )
     assert command("--sim", "--person", "P07", "-o", "first.json", actor=actor) == 0
     recorded(actor, folder / "run.rrd")
     # `command` types samples=60 and times of the procedure.
@@ -269,10 +271,10 @@ def test_the_sense_that_a_person_is_used_to_stays(
     for i, where in enumerate((["--yes"], ["-o", "b.json"], ["-o", "c.json", "--sense", "plain.json"])):
         capsys.readouterr()
         assert command("--recording", "run.rrd", "--json", *where) == 0
-        told = json.loads(capsys.readouterr().out)
-        assert Path(told["sense"]["file"]).name == ("plain.json" if i == 2 else "p07.json")
-        assert told["sense"]["turned"] == ([] if i == 2 else ["swivel"])
-        assert (along(Path(told["file"]), folder / "plain.json") * (1 if i == 2 else -1) > 0.99).all()
+        reported = json.loads(capsys.readouterr().out)
+        assert Path(reported["sense"]["file"]).name == ("plain.json" if i == 2 else "p07.json")
+        assert reported["sense"]["turned"] == ([] if i == 2 else ["swivel"])
+        assert (along(Path(reported["file"]), folder / "plain.json") * (1 if i == 2 else -1) > 0.99).all()
     # A point done again, and a turn that is wanted.
     assert command("--sim", "--person", "P07", "--redo", "3", "--from", "run.rrd", "--yes") == 0
     assert "swivel turned round for it" in capsys.readouterr().err
@@ -335,10 +337,10 @@ SIM = ["--sim", "--person", "P07", "--option", "exploration=20"]  # a shorter tr
 def test_the_simulated_wearer_is_calibrated_and_recorded(tmp_path: Path) -> None:
     (tmp_path / "worn.yaml").write_text(PROFILE)
     done = call(tmp_path, "calibrate", "worn.yaml", "ikns", *SIM, "--record", "run.rrd", "--json")
-    told: dict[str, Any] = summary(done)
-    assert told["refusals"] == []
-    assert told["noise_per_mm"]["swivel"] == pytest.approx(0.006, abs=0.0015)
-    assert all(point["dofs"]["swivel"]["range"] > 1.0 for point in told["points"])
+    reported: dict[str, Any] = summary(done)
+    assert reported["refusals"] == []
+    assert reported["noise_per_mm"]["swivel"] == pytest.approx(0.006, abs=0.0015)
+    assert all(point["dofs"]["swivel"]["range"] > 1.0 for point in reported["points"])
     call(tmp_path, "calibrate", "worn.yaml", "ikns", "--recording", "run.rrd", "-o", "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "p07.json").read_bytes()
 

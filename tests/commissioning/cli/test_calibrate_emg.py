@@ -68,15 +68,15 @@ def test_hidden_gains_are_found_and_the_profile_reads_them(
     actor = Electrodes()
     assert command("--sim", actor=actor, picture=True) == 0
     assert actor.closed
-    assert actor.told == ["biceps", "biceps", "triceps", "triceps"]
+    assert actor.reported == ["biceps", "biceps", "triceps", "triceps"]
     made = read(folder / "p07.json")
     assert (made.person, made.simulated, made.signal, tuple(made.muscles)) == ("P07", True, "emg.samples", NAMES)
     for name, muscle in made.muscles.items():
         assert muscle.mvc == pytest.approx(MEAN * GAINS[name], rel=0.12)
         assert muscle.rest == pytest.approx(MEAN * 2.2e-6, rel=0.5)
         assert len(muscle.repeats) == 2
-    said = capsys.readouterr()
-    assert "NOW contract biceps as hard as you can" in said.err
+    output = capsys.readouterr()
+    assert "NOW contract biceps as hard as you can" in output.err
     assert (folder / "p07.json.report.png").read_bytes()[:4] == b"\x89PNG"
     assert main(["check", "worn.yaml"]) == 0
     assert "controllers.0.calibration: it was made in simulation, and 'emg' is real" in capsys.readouterr().out
@@ -103,9 +103,9 @@ def test_what_cant_work_is_refused_with_its_reason(
 ) -> None:
     before = sorted(folder.iterdir())
     assert command("--sim", "-o", "new.json", actor=Electrodes(**actor)) == 2
-    said = capsys.readouterr().err
-    assert re.search(words, said), said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert re.search(words, output), output
+    assert "Traceback" not in output
     assert sorted(folder.iterdir()) == before
 
 
@@ -137,7 +137,7 @@ def test_a_recording_gives_the_same_file_and_a_muscle_is_done_again(
     assert command("--recording", "bad.rrd", person=False) == 2
     again = Electrodes(seed=6)
     assert command("--sim", "--redo", "2", "--from", "bad.rrd", actor=again) == 0
-    assert again.told == ["triceps", "triceps"]
+    assert again.reported == ["triceps", "triceps"]
     recorded(again, folder / "again.rrd")
     assert command("--recording", "bad.rrd", "again.rrd", "-o", "both.json", person=False) == 0
     assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
@@ -174,7 +174,7 @@ def test_a_contraction_in_which_samples_are_missing_is_done_again(how: str) -> N
     assert (procedure.step.muscle, procedure.step.repeat) == (1, 1)
     feed(actor, procedure, 60.0)
     assert procedure.done
-    assert actor.told.count("biceps") == 3
+    assert actor.reported.count("biceps") == 3
 
 
 def test_a_contraction_that_never_comes_ends() -> None:
@@ -205,7 +205,7 @@ def test_keys() -> None:
     assert procedure.step.kind is Kind.READY  # no onset is known before the rest level is
     feed(actor, procedure, 60.0)
     assert procedure.done
-    assert actor.told == ["triceps", "triceps", "biceps", "biceps"]
+    assert actor.reported == ["triceps", "triceps", "biceps", "biceps"]
     assert procedure.redo(0) == ""
     feed(actor, procedure, 10.0)
     assert procedure.done
@@ -238,9 +238,9 @@ def test_wrong_arguments_are_named(
     arguments: list[str], words: str, command: Command, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command("--sim", *arguments) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert words in output
+    assert "Traceback" not in output
 
 
 @pytest.mark.parametrize(
@@ -264,9 +264,9 @@ def test_a_file_that_doesnt_fit_is_refused(
     edited(folder / "p07.json", change)
     capsys.readouterr()
     assert main(["check", "worn.yaml"]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert words in output
+    assert "Traceback" not in output
 
 
 def test_exchanged_slots_are_refused_and_a_file_of_before_is_doubted(
@@ -276,49 +276,49 @@ def test_exchanged_slots_are_refused_and_a_file_of_before_is_doubted(
     swapped = ["--set", "devices.emg.channels={biceps: 4, triceps: 3}"]
     capsys.readouterr()
     assert main(["check", "worn.yaml", *swapped]) == 2
-    said = capsys.readouterr().err
-    assert "controllers.0.in.samples" in said
-    assert "made with emg.channels {'biceps': 3, 'triceps': 4}, now it is {'biceps': 4, 'triceps': 3}" in said
+    output = capsys.readouterr().err
+    assert "controllers.0.in.samples" in output
+    assert "made with emg.channels {'biceps': 3, 'triceps': 4}, now it is {'biceps': 4, 'triceps': 3}" in output
     assert main(["check", "worn.yaml", "--set", "devices.emg.channels={triceps: 4, biceps: 3}"]) == 2  # another order
     yesterday = {"simulated": False, "date": str(datetime.date.today() - datetime.timedelta(days=2))}
     edited(folder / "p07.json", lambda made: made.update(yesterday))
     assert main(["check", "worn.yaml"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "p07.json: it was made 2 days ago, and holds only while the electrodes stay on the skin" in told
+    reported = " ".join(capsys.readouterr().out.split())
+    assert "p07.json: it was made 2 days ago, and holds only while the electrodes stay on the skin" in reported
     edited_again = json.loads((folder / "p07.json").read_text()) | {"date": str(datetime.date.today())}
     (folder / "p07.json").write_text(json.dumps(edited_again))
     assert main(["check", "worn.yaml", "--json"]) == 0
-    assert not [each for each in json.loads(capsys.readouterr().out)["doubts"] if "days ago" in each]
+    assert not [each for each in json.loads(capsys.readouterr().out)["warnings"] if "days ago" in each]
 
 
 def test_files_of_two_persons_are_doubted() -> None:
     today = datetime.date(2026, 1, 2)
 
-    def file(**said: object) -> bytes:
-        return json.dumps(said).encode()
+    def file(**output: object) -> bytes:
+        return json.dumps(output).encode()
 
     one, two = file(person="P07"), file(person="P08", format="srl-suit-1", date="2026-01-02")
-    assert calibrations.doubts({"a.json": one, "b.json": one, "c.urdf": b"<robot/>"}, today) == []
-    (said,) = calibrations.doubts({"a.json": one, "b.json": two}, today)
-    assert said.startswith("the files are of 2 persons: P07 (a.json), P08 (b.json)")
-    assert calibrations.doubts({"a.json": one, "b.json": file(person="P08", simulated=True)}, today) == []
-    (said,) = calibrations.doubts({"b.json": two}, datetime.date(2026, 1, 1))
-    assert "on a day that hasn't come yet" in said
+    assert calibrations.warnings({"a.json": one, "b.json": one, "c.urdf": b"<robot/>"}, today) == []
+    (output,) = calibrations.warnings({"a.json": one, "b.json": two}, today)
+    assert output.startswith("the files are of 2 persons: P07 (a.json), P08 (b.json)")
+    assert calibrations.warnings({"a.json": one, "b.json": file(person="P08", simulated=True)}, today) == []
+    (output,) = calibrations.warnings({"b.json": two}, datetime.date(2026, 1, 1))
+    assert "on a day that hasn't come yet" in output
 
 
 @pytest.mark.slow
 def test_the_simulated_muscles_of_the_shipped_profile_are_calibrated(tmp_path: Path) -> None:
     gains = "sim.devices.emg.gains={biceps: 0.0008, triceps: 0.0003}"
-    told: dict[str, Any] = summary(
+    reported: dict[str, Any] = summary(
         call(
             tmp_path, "calibrate", "emg-station", "emg", "--sim", "--person", "P07", "-o", "p07.json", "--json",
             "--option", "pause=1", "--option", "repeats=2", "--option", "hold=2", "--set", gains,
             "--set", "devices.emg.channels={biceps: 3, triceps: 4}",
         )
     )  # fmt: skip
-    assert told["refusals"] == []
+    assert reported["refusals"] == []
     for name, gain in (("biceps", 8e-4), ("triceps", 3e-4)):
-        assert told["muscles"][name]["mvc"] == pytest.approx(MEAN * gain, rel=0.08)
+        assert reported["muscles"][name]["mvc"] == pytest.approx(MEAN * gain, rel=0.08)
 
 
 def procedure_of() -> Procedure:
@@ -331,7 +331,7 @@ def feed(actor: Electrodes, procedure: Procedure, seconds: float) -> None:
     while actor._t < end and not procedure.done:
         if procedure.step is not actor.step:
             actor.begin(procedure)
-        procedure.feed(actor.taps.samples(actor.take()))
+        procedure.feed(actor.channel_map.samples(actor.take()))
 
 
 def recorded(actor: Electrodes, path: Path) -> None:

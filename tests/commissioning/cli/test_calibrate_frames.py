@@ -16,10 +16,10 @@ from helpers.run import call, summary
 from scipy.spatial.transform import Rotation
 
 from srl.commissioning.calibration import method
-from srl.commissioning.calibration.cut import build
 from srl.commissioning.calibration.frames import method as frame_method
 from srl.commissioning.calibration.frames import report as frame_report
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.profile_subset import build
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import RowFile
 from srl.drivers.ur import Ur, UrConfig
 from srl.runtime.cli import main
@@ -81,14 +81,14 @@ def test_a_hidden_base_and_tracker_are_found_and_the_profile_reads_them(
     assert apart(made.body, TRACKER) < (0.0005, 0.001)
     assert (made.frame, made.parent, made.what, made.count) == ("arm", "room", "poses", 8)
     assert (made.drivers, made.simulated) == ({"mocap": "vicon", "arm": "panda"}, True)
-    said = capsys.readouterr()
-    assert "Bring both bodies to another pose" in said.err
-    assert [Path(line).name for line in said.out.splitlines()[-2:]] == ["arm.json", "arm.json.report.png"]
+    output = capsys.readouterr()
+    assert "Bring both bodies to another pose" in output.err
+    assert [Path(line).name for line in output.out.splitlines()[-2:]] == ["arm.json", "arm.json.report.png"]
     assert (folder / "arm.json.report.png").read_bytes()[:4] == b"\x89PNG"
     assert main(["check", "cell.yaml"]) == 0
-    told = capsys.readouterr().out
-    assert "file frames.arm.calibration: " in told
-    assert "frames.arm.calibration: it was made in simulation, and 'mocap' is real" in told
+    reported = capsys.readouterr().out
+    assert "file frames.arm.calibration: " in reported
+    assert "frames.arm.calibration: it was made in simulation, and 'mocap' is real" in reported
     graph = wiring.build(*profile.load("cell.yaml"), None)
     assert graph.frames.entries["arm"].placed() == pytest.approx((*made.pose.position, *made.pose.quaternion), abs=1e-9)
     assert graph.layout.meta["frames"]["arm"]["position"] == pytest.approx(made.pose.position)
@@ -107,7 +107,7 @@ def test_points_that_are_known_need_no_robot(command: Command, folder: Path) -> 
     assert command("--sim", *options(POINTS), actor=actor) == 0
     # What the arm measured is now given as known.
     rows = np.concatenate(actor.rows)
-    seen = actor.taps.samples(rows)
+    seen = actor.channel_map.samples(rows)
     known = []
     for number in range(1, 9):
         pose = seen.frame[np.flatnonzero(seen.marks == number)[-1]]
@@ -203,9 +203,9 @@ def test_wrong_arguments_are_named(
     arguments: list[str], words: str, command: Command, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command("--sim", *arguments) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert words in output
+    assert "Traceback" not in output
 
 
 @pytest.mark.parametrize(
@@ -247,8 +247,8 @@ def test_a_pose_that_is_given_in_another_frame_now_and_a_place_in_millimetres(
     assert main(["check", "cell.yaml", *moved]) == 0
     assert "it says that" not in capsys.readouterr().out
     assert main(["check", "cell.yaml", *moved, "--set", "devices.mocap.frame=lab"]) == 2
-    said = capsys.readouterr().err
-    assert "measured with 'mocap.tool.pose' when that was given in 'room'; now it is in 'lab'" in said
+    output = capsys.readouterr().err
+    assert "measured with 'mocap.tool.pose' when that was given in 'room'; now it is in 'lab'" in output
     edited(folder / "arm.json", lambda made: made["pose"].update(position=[1200.0, -400.0, 800.0]))
     assert main(["check", "cell.yaml"]) == 0
     assert "it says that 'arm' is 1200 m off. Are these millimetres?" in capsys.readouterr().out
@@ -262,8 +262,8 @@ def test_a_recording_of_another_device_is_refused_and_its_signals_are_told(
     recorded(actor, folder / "run.rrd")
     other = "devices.arm={driver: ur, port: tcp://10.0.0.1}"
     assert command("--recording", "run.rrd", "-o", "two.json", "--set", other) == 2
-    said = capsys.readouterr().err
-    assert "it was measured with 'arm' by the driver 'panda'; now it is ur" in said
+    output = capsys.readouterr().err
+    assert "it was measured with 'arm' by the driver 'panda'; now it is ur" in output
     two = ["devices.mocap.segments={tool: tool/tool, wand: wand/wand}"]
     one = [*options(("parent_signal=mocap.wand.pose",)), "--set", *two]
     assert command("--recording", "run.rrd", "-o", "two.json", *one) == 0
@@ -276,27 +276,29 @@ def test_another_arm_of_the_same_driver_and_name_is_noticed_by_its_serial_number
     """`serials` in the file is what the profile demanded of the device, which refuses any other one itself."""
     arm = "devices.arm={driver: ur, port: tcp://10.0.0.1, interface: none, serial: %s}"
     checked, source = profile.load("cell.yaml", [arm % "'42'"])
-    method = frame_method.FrameMethod(Order("cell.yaml", "frames"), checked, source, folder / "a.json", print)
+    method = frame_method.FrameMethod(
+        CalibrationRequest("cell.yaml", "frames"), checked, source, folder / "a.json", print
+    )
     graph = build(*method.cut(""), sim=False)
-    assert method.taps(graph.layout, "").options.serials == {"arm": "42"}
+    assert method.channel_map(graph.layout, "").options.serials == {"arm": "42"}
     assert [device.commands for device in graph.devices] == [(), ()]
     assert command("--sim") == 0
     whole = (folder / "arm.json").read_text()
     edited(folder / "arm.json", lambda made: made["drivers"].update(arm="ur"))
     bare = ["--set", "controllers=[]", "--set", "guard={}", "--set", "stop={}", "--set", "setpoints={}", "--set", arm]
 
-    def said(serial: str, code: int) -> str:
+    def output(serial: str, code: int) -> str:
         capsys.readouterr()
         assert main(["check", "cell.yaml", *bare[:-1], arm % serial]) == code
-        told = capsys.readouterr()
-        return " ".join(f"{told.out} {told.err}".split())
+        reported = capsys.readouterr()
+        return " ".join(f"{reported.out} {reported.err}".split())
 
-    assert "it doesn't say of which ur it is, and 'arm' is 42" in said("'42'", 0)
+    assert "it doesn't say of which ur it is, and 'arm' is 42" in output("'42'", 0)
     (folder / "arm.json").write_text(whole)
     edited(folder / "arm.json", lambda made: (made["drivers"].update(arm="ur"), made.update(serials={"arm": "42"})))
-    assert "serial" not in said("'42'", 0)
-    assert "it was measured with the ur of serial 42, now 'arm' is 43" in said("'43'", 2)
-    assert "it is of the ur 42. Write `serial`, so that another one is refused" in said("null", 0)
+    assert "serial" not in output("'42'", 0)
+    assert "it was measured with the ur of serial 42, now 'arm' is 43" in output("'43'", 2)
+    assert "it is of the ur 42. Write `serial`, so that another one is refused" in output("null", 0)
 
 
 def test_a_file_that_was_changed_by_hand_is_refused(
@@ -322,9 +324,9 @@ def test_nothing_is_commanded_and_an_arm_that_takes_the_command_over_is_refused(
 
     monkeypatch.setattr(Ur, "Config", TakesOver)
     assert main(["calibrate", "cell.yaml", "frames", "--set", "devices.arm={driver: ur, port: tcp://10.0.0.1}"]) == 2
-    said = capsys.readouterr().err
-    assert "its driver 'ur' can't be opened without taking the command over" in said
-    assert "--option known=x,y,z" in said
+    output = capsys.readouterr().err
+    assert "its driver 'ur' can't be opened without taking the command over" in output
+    assert "--option known=x,y,z" in output
 
 
 def test_a_replay_has_the_file_and_a_typed_one_is_looked_for_here(command: Command, folder: Path) -> None:
@@ -351,7 +353,7 @@ def recorded(actor: Leader, path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_simulated_arm_is_found_where_it_stands(folder: Path) -> None:
-    told: dict[str, Any] = summary(call(folder, "calibrate", "cell.yaml", "frames", "--sim", "--json"))
-    assert told["refusals"] == []
+    reported: dict[str, Any] = summary(call(folder, "calibrate", "cell.yaml", "frames", "--sim", "--json"))
+    assert reported["refusals"] == []
     assert apart(read(folder / "arm.json").pose, BASE) < (0.0002, 0.0005)
-    assert [each["number"] for each in told["each"]] == list(range(1, 9))
+    assert [each["number"] for each in reported["each"]] == list(range(1, 9))

@@ -253,8 +253,8 @@ def test_a_pose_left_out_counts_for_nothing() -> None:
     assert procedure.done
     assert procedure.view().states[2] == "left out"
     found = ft_method.FtMethod.compute(
-        object.__new__(ft_method.FtMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
-        actor.taps.date(actor.rows[0]),
+        object.__new__(ft_method.FtMethod), actor.channel_map, [actor.channel_map.samples(np.concatenate(actor.rows))],
+        actor.channel_map.date(actor.rows[0]),
     )  # fmt: skip
     assert found.load.numbers == (1, 2, 4, 5, 6, 7)
     assert procedure.redo(1) == ""
@@ -267,7 +267,7 @@ def feed(actor: Turner, procedure: Procedure, seconds: float) -> None:
     while actor._t < end and not procedure.done:
         if procedure.step is not actor.step:
             actor.begin(procedure)
-        procedure.feed(actor.taps.samples(actor.take()))
+        procedure.feed(actor.channel_map.samples(actor.take()))
 
 
 def recorded(actor: Turner, path: Path) -> None:
@@ -282,12 +282,12 @@ def test_the_simulated_handle_of_a_shipped_profile_is_found(tmp_path: Path) -> N
     """The robot isn't there: the person has the sensor in the hands, and nobody holds the handle."""
     hidden = ["sim.devices.sensor.offset=[3,-2,1,0.1,0.2,-0.3]", "sim.parts.grip.mass=0.4", "rate=100"]
     arguments = [word for each in hidden for word in ("--set", each)]
-    told: dict[str, Any] = summary(
+    reported: dict[str, Any] = summary(
         call(tmp_path, "calibrate", "kairos-man", "ft", "--sim", "-o", "handle.json", "--json", *arguments)
     )
-    assert told["refusals"] == []
-    np.testing.assert_allclose(told["bias"][:3], [3.0, -2.0, 1.0], atol=0.02)
-    np.testing.assert_allclose(told["bias"][3:], [0.1, 0.2, -0.3], atol=1e-3)
-    assert told["tool_mass"] == pytest.approx(0.4 + 0.05, abs=2e-3)
-    np.testing.assert_allclose(told["tool_com"], [0.0, 0.0, 0.4 * 0.06 / 0.45], atol=5e-4)
-    assert [p["number"] for p in told["poses"]] == list(range(1, 9))
+    assert reported["refusals"] == []
+    np.testing.assert_allclose(reported["bias"][:3], [3.0, -2.0, 1.0], atol=0.02)
+    np.testing.assert_allclose(reported["bias"][3:], [0.1, 0.2, -0.3], atol=1e-3)
+    assert reported["tool_mass"] == pytest.approx(0.4 + 0.05, abs=2e-3)
+    np.testing.assert_allclose(reported["tool_com"], [0.0, 0.0, 0.4 * 0.06 / 0.45], atol=5e-4)
+    assert [p["number"] for p in reported["poses"]] == list(range(1, 9))

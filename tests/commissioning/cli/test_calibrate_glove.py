@@ -74,9 +74,9 @@ def test_hidden_characteristics_are_found_and_the_profile_reads_them(
     assert made.average == NAMES[19:]
     np.testing.assert_allclose([s.offset for s in made.sensors.values()], OFFSET[:19], atol=0.5)
     np.testing.assert_allclose([s.gain for s in made.sensors.values()], GAIN[:19], rtol=0.02)
-    said = capsys.readouterr()
-    assert "Make a fist" in said.err
-    assert [Path(line).name for line in said.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
+    output = capsys.readouterr()
+    assert "Make a fist" in output.err
+    assert [Path(line).name for line in output.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
     assert (folder / "p07.json.report.png").read_bytes()[:4] == b"\x89PNG"
     assert main(["check", "worn.yaml"]) == 0
     assert "devices.glove.calibration: it was made in simulation, and the device is real" in capsys.readouterr().out
@@ -129,9 +129,9 @@ def test_what_cant_work_is_refused_with_its_reason(
     before = sorted(folder.iterdir())
     typed = [word for option in actor.get("option", ()) for word in ("--option", option)]
     assert command("--sim", "-o", "new.json", *typed, actor=Gloved(**actor)) == 2
-    said = capsys.readouterr().err
-    assert re.search(words, said), said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert re.search(words, output), output
+    assert "Traceback" not in output
     assert sorted(folder.iterdir()) == before
 
 
@@ -242,9 +242,9 @@ def test_wrong_arguments_are_named(
 ) -> None:
     option = [] if arguments[0] != "--option" or arguments[1] != "average=palm_arch" else [arguments[1]]
     assert command("--sim", *arguments, actor=Gloved(option)) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert words in output
+    assert "Traceback" not in output
 
 
 @pytest.mark.parametrize(
@@ -266,9 +266,9 @@ def test_a_file_that_doesnt_fit_is_refused(
     edited(folder / "p07.json", change)
     capsys.readouterr()
     assert main(["check", "worn.yaml"]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert words in output
+    assert "Traceback" not in output
 
 
 @pytest.mark.parametrize("text", ["{", '{"a": 1, "a": 2}', '{"x":' * 5000, "{}", '{"sensors": NaN}'])
@@ -344,18 +344,18 @@ def test_the_simulated_glove_of_a_shipped_profile_is_calibrated(tmp_path: Path) 
         "sim.parts.hand.wearer.miss=0.02",
     )  # fmt: skip
     arguments = [word for each in settings for word in ("--set", each)]
-    told: dict[str, Any] = summary(
+    reported: dict[str, Any] = summary(
         call(
             tmp_path, "calibrate", "sixth-finger", "glove", "--sim", "--person", "P07", "-o", "p07.json", "--json",
             *arguments, "--option", "hold=1", "--option", "read=1",
         )
     )  # fmt: skip
-    assert told["refusals"] == []
-    assert len(told["sensors"]) == 15
+    assert reported["refusals"] == []
+    assert len(reported["sensors"]) == 15
     # Both ends are off by what the hand misses: 0.02 rad at each.
     for name, gain, offset in (("index_mpj", -0.02, 190.0), ("thumb_ij", 0.015, 60.0)):
-        assert told["sensors"][name]["gain"] == pytest.approx(gain, rel=0.08)
-        assert told["sensors"][name]["offset"] == pytest.approx(offset, abs=3.0)
+        assert reported["sensors"][name]["gain"] == pytest.approx(gain, rel=0.08)
+        assert reported["sensors"][name]["offset"] == pytest.approx(offset, abs=3.0)
 
 
 def procedure_of() -> Procedure:
@@ -368,7 +368,7 @@ def feed(actor: Gloved, procedure: Procedure, seconds: float) -> None:
     while actor._t < end and not procedure.done:
         if procedure.step is not actor.step:
             actor.begin(procedure)
-        procedure.feed(actor.taps.samples(actor.take()))
+        procedure.feed(actor.channel_map.samples(actor.take()))
 
 
 def recorded(actor: Gloved, path: Path) -> None:

@@ -20,7 +20,7 @@ from srl.commissioning.calibration.screen import picture
 from srl.commissioning.calibration.sources import RowFile
 from srl.control.intention.record import Record
 from srl.runtime.cli import main
-from srl.runtime.ipc.words import CYCLE, State
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.models import record_file
 
 QUICK = [word for option in ("rounds=3", "pause=1.5", "stand=4", "walk=5") for word in ("--option", option)]
@@ -66,10 +66,10 @@ def test_the_ten_actions_are_recorded_and_the_law_reads_the_file(
     made = read(folder / "p07.json")
     assert (made.person, made.simulated, made.actions) == ("P07", True, ACTIONS)
     assert made.held_out > 0.95
-    said = capsys.readouterr()
-    assert "Lift both hands over your head" in said.err
-    assert "(overhead, 3 of 3)" in said.err
-    assert [Path(line).name for line in said.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
+    output = capsys.readouterr()
+    assert "Lift both hands over your head" in output.err
+    assert "(overhead, 3 of 3)" in output.err
+    assert [Path(line).name for line in output.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
     assert (folder / "p07.json.report.png").read_bytes()[:4] == b"\x89PNG"
     assert main(["check", "suit.yaml"]) == 0
 
@@ -77,14 +77,14 @@ def test_the_ten_actions_are_recorded_and_the_law_reads_the_file(
 @pytest.mark.slow
 def test_one_object_says_all(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("--sim", "--person", "P07", "--json", "-o", "other.json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["file"] == "other.json"
-    assert list(told["actions"]) == FOUR.split(",")
-    assert told["simulated"]
-    assert all(row["trials"] == 3 and row["found"] == 3 for row in told["actions"].values())
-    windows = told["confusion"]["windows"]
-    assert [sum(row) for row in windows[:4]] == [row["windows"] for row in told["actions"].values()]
-    assert told["confusion"]["labels"] == [*FOUR.split(","), "stand", "walk", "rejected"]
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["file"] == "other.json"
+    assert list(reported["actions"]) == FOUR.split(",")
+    assert reported["simulated"]
+    assert all(row["trials"] == 3 and row["found"] == 3 for row in reported["actions"].values())
+    windows = reported["confusion"]["windows"]
+    assert [sum(row) for row in windows[:4]] == [row["windows"] for row in reported["actions"].values()]
+    assert reported["confusion"]["labels"] == [*FOUR.split(","), "stand", "walk", "rejected"]
 
 
 @pytest.mark.slow
@@ -93,10 +93,10 @@ def test_who_doesnt_do_an_action_is_refused_and_nothing_is_written(
 ) -> None:
     actor = Pretender(Person(lazy={"bend"}), FOUR)
     assert command("--sim", "--person", "P07", "--json", "--option", "patience=1", actor=actor) == 2
-    said = capsys.readouterr()
-    assert "srl calibrate" in said.err
-    assert "action bend: " in said.err
-    assert {r["place"] for r in json.loads(said.out)["refusals"]} == {"action bend"}
+    output = capsys.readouterr()
+    assert "srl calibrate" in output.err
+    assert "action bend: " in output.err
+    assert {r["place"] for r in json.loads(output.out)["refusals"]} == {"action bend"}
     assert [p.name for p in folder.iterdir()] == ["suit.yaml"]
 
 
@@ -118,9 +118,9 @@ def test_a_recording_gives_the_same_file_and_an_action_is_done_again(
     capsys.readouterr()
     again = Pretender(actions=FOUR)
     assert command("--sim", "--person", "P07", "--redo", "2", "--from", "bad.rrd", actor=again) == 0
-    said = capsys.readouterr().err
-    assert "Bend forward" in said
-    assert "Lift" not in said
+    output = capsys.readouterr().err
+    assert "Bend forward" in output
+    assert "Lift" not in output
     recorded(again, folder / "again.rrd")
     assert command("--recording", "bad.rrd", "again.rrd", "-o", "both.json") == 0
     assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
@@ -198,8 +198,8 @@ def test_samples_are_of_what_ran() -> None:
     actor = Pretender(actions=FOUR)
     rows = actor.take()
     rows[3:7, CYCLE.state] = State.STOPPED
-    assert len(actor.taps.samples(rows)) == len(rows) - 4
-    assert actor.taps.samples(rows).times.tolist() == actor.taps.times(rows)[[0, 1, 2, 7, 8, 9]].tolist()
+    assert len(actor.channel_map.samples(rows)) == len(rows) - 4
+    assert actor.channel_map.samples(rows).times.tolist() == actor.channel_map.times(rows)[[0, 1, 2, 7, 8, 9]].tolist()
 
 
 def test_actions_are_not_for_ikns(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,8 +242,8 @@ def recorded(actor: Pretender, path: Path) -> None:
 def test_the_simulated_body_is_calibrated_and_then_recognised(tmp_path: Path) -> None:
     (tmp_path / "suit.yaml").write_text(PROFILE.replace("rate: 20", "rate: 100"))
     arguments = ["--sim", "--person", "P07", *QUICK]
-    told: dict[str, Any] = summary(call(tmp_path, "calibrate", "suit.yaml", "intention", *arguments, "--json"))
-    assert told["refusals"] == []
-    assert told["found"] == 1.0
+    reported: dict[str, Any] = summary(call(tmp_path, "calibrate", "suit.yaml", "intention", *arguments, "--json"))
+    assert reported["refusals"] == []
+    assert reported["found"] == 1.0
     ran = summary(call(tmp_path, "run", "suit.yaml", "--sim", "--fast", "--duration", "57", "--json"))
     assert ran["result"]["intention"]["actions"] == dict.fromkeys(ACTIONS, 1)

@@ -13,16 +13,16 @@ import pytest
 from helpers.edited import edited
 
 from srl.commissioning.calibration.keyed import Keyed
-from srl.commissioning.calibration.order import Order
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.servos.method import ServoMethod
 from srl.commissioning.calibration.servos.procedure import Kind, Procedure
 from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig
-from srl.commissioning.jog.cut import cut
 from srl.commissioning.jog.hold import PAUSE, Hold
+from srl.commissioning.jog.profile_subset import cut
 from srl.drivers.firmata.driver import COMMAND
 from srl.runtime.cli import main
 from srl.runtime.contracts.servo_record import ServoRecord
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.models import record_file
 from srl.runtime.profile import profile, wiring
@@ -65,7 +65,7 @@ ERROR = 0.012  # rad, at the reference angles and between them
 
 
 def method(folder: Path, *overrides: str, option: tuple[str, ...] = QUICK, sim: bool = True) -> ServoMethod:
-    order = Order(str(folder / "tip.yaml"), "servos", option=option, sim=sim)
+    order = CalibrationRequest(str(folder / "tip.yaml"), "servos", option=option, sim=sim)
     return ServoMethod(order, *profile.load(order.profile, overrides), folder / "tip.json", lambda _: None)
 
 
@@ -122,8 +122,8 @@ def test_a_changed_calibration_begins_without_a_jump(made: Path) -> None:
     """The calibration leaves each joint where the next run's first command is; and begins where a run begins."""
     (now,) = wiring.build(*profile.load(str(made / "tip.yaml"), ()), []).devices
     first = [s.calibration.pulse(s.home) for s in now.config.joints.values()]  # type: ignore[attr-defined]
-    taps, rows = _recording(made)
-    last = taps.samples(rows).angles[-1]
+    channel_map, rows = _recording(made)
+    last = channel_map.samples(rows).angles[-1]
     bare = [s.calibration for s in now.config.servos.values()]  # type: ignore[attr-defined]
     left = [servo.pulse(angle) for servo, angle in zip(bare, last, strict=True)]
     assert np.abs(np.subtract(first, left)).max() <= 0.011 * 590.8 + 1  # 0.01 rad: what `home` allows
@@ -137,7 +137,7 @@ def test_a_changed_calibration_begins_without_a_jump(made: Path) -> None:
 def _recording(made: Path) -> tuple[Any, Any]:
     from srl.commissioning.calibration.sources import recorded
 
-    return recorded(made / "tip.rrd", method(made).taps)
+    return recorded(made / "tip.rrd", method(made).channel_map)
 
 
 def test_a_recording_gives_the_same_file_and_the_old_one_is_kept(made: Path) -> None:
@@ -316,27 +316,27 @@ def test_a_key_that_is_held_into_the_next_step_moves_nothing() -> None:
     hold.guide(1, 0.1)
     for t in (0.11, 0.5, 1.2, 1.9):
         hold.key("right", t)
-        assert not hold.told(t)[0].any()
+        assert not hold.reported(t)[0].any()
     hold.key("right", 1.9 + PAUSE)
-    np.testing.assert_array_equal(hold.told(1.9 + PAUSE)[0], [0.0, 1.0])
+    np.testing.assert_array_equal(hold.reported(1.9 + PAUSE)[0], [0.0, 1.0])
     hold.key("1", 2.8)
     assert hold.joint == 1  # the guide chooses
     hold.press(0, 1.0, 9.0, 2.9)
-    assert not hold.told(2.9)[0].any()
+    assert not hold.reported(2.9)[0].any()
     hold.press(1, 1.0, 9.0, 2.9 + PAUSE)
-    assert hold.told(3.8)[0].tolist() == [0.0, 1.0]
+    assert hold.reported(3.8)[0].tolist() == [0.0, 1.0]
     hold.guide(1, 3.8)  # the next step is of the same joint
     for t in (3.82, 4.0, 4.6):
         hold.press(1, 1.0, t + 0.04, t)
-        assert not hold.told(t)[0].any()
+        assert not hold.reported(t)[0].any()
     hold.press(1, 0.0, 9.0, 4.7)  # let go
     hold.press(1, -1.0, 9.0, 4.61 + PAUSE)
-    assert hold.told(6.0)[0].tolist() == [0.0, -1.0]
+    assert hold.reported(6.0)[0].tolist() == [0.0, -1.0]
     hold.guide(None, 7.0)
     hold.press(1, 1.0, 9.5, 9.0)
-    assert not hold.told(9.0)[0].any()
+    assert not hold.reported(9.0)[0].any()
     hold.key("left", 9.0)
-    assert not hold.told(9.0)[0].any()
+    assert not hold.reported(9.0)[0].any()
 
 
 def test_keys_guide_or_move() -> None:

@@ -77,8 +77,8 @@ def test_a_hidden_heading_and_drift_are_found_and_the_profile_reads_them(
         assert found.measured
         assert PER_MINUTE * found.rate == pytest.approx(PER_MINUTE * hidden.get(name, 0.0), abs=0.4)
         assert PER_MINUTE * found.uncertain < 0.4
-    said = capsys.readouterr()
-    assert "Come back: stand on the marks" in said.err
+    output = capsys.readouterr()
+    assert "Come back: stand on the marks" in output.err
     assert (folder / "p07.json.report.png").read_bytes()[:4] == b"\x89PNG"
     assert main(["check", "worn.yaml"]) == 0
     assert "devices.suit.calibration: it was made in simulation, and the device is real" in capsys.readouterr().out
@@ -107,9 +107,9 @@ def test_what_cant_work_is_refused_with_its_reason(
 ) -> None:
     before = sorted(folder.iterdir())
     assert command("--sim", "-o", "new.json", actor=Suited(**actor)) == 2
-    said = capsys.readouterr().err
-    assert "Traceback" not in said
-    assert re.search(words, said), said
+    output = capsys.readouterr().err
+    assert "Traceback" not in output
+    assert re.search(words, output), output
     assert sorted(folder.iterdir()) == before
 
 
@@ -201,9 +201,9 @@ def test_wrong_arguments_are_named(
     arguments: list[str], words: str, command: Command, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command("--sim", *arguments) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert words in output
+    assert "Traceback" not in output
 
 
 @pytest.mark.parametrize(
@@ -226,9 +226,9 @@ def test_a_file_that_doesnt_fit_is_refused(
     (folder / "p07.json").write_text(text)
     edited(folder / "p07.json", change)
     assert main(["check", "worn.yaml"]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert words in output
+    assert "Traceback" not in output
 
 
 def test_the_driver_turns_the_body_back_by_the_heading(command: Command, folder: Path) -> None:
@@ -255,16 +255,16 @@ def test_the_simulated_suit_of_the_shipped_profile_is_calibrated(tmp_path: Path)
     hidden = {"LeftForeArm": 0.01, "RightLeg": -0.008}
     drift = ", ".join(f"{name}: {rate}" for name, rate in hidden.items())
     settings = ("sim.devices.suit.heading=0.5", f"sim.devices.suit.drift={{{drift}}}")
-    told: dict[str, Any] = summary(
+    reported: dict[str, Any] = summary(
         call(
             tmp_path, "calibrate", "suit-station", "suit", "--sim", "--person", "P07", "-o", "p07.json", "--json",
             *(word for each in settings for word in ("--set", each)),
             *(word for each in ("stands=3", "walk=2", "hold=4", "drift=60", "sure=10") for word in ("--option", each)),
         )
     )  # fmt: skip
-    assert told["refusals"] == []
-    assert told["heading"] == pytest.approx(0.5, abs=0.03)
-    for name, each in told["segments"].items():
+    assert reported["refusals"] == []
+    assert reported["heading"] == pytest.approx(0.5, abs=0.03)
+    for name, each in reported["segments"].items():
         assert each["rate"] == pytest.approx(hidden.get(name, 0.0), abs=0.0015)
 
 
@@ -279,4 +279,4 @@ def feed(wearer: Suited, procedure: Procedure, seconds: float) -> None:
     while wearer.time < end and not procedure.done:
         if procedure.step is not wearer.step:
             wearer.begin(procedure)
-        procedure.feed(wearer.taps.samples(wearer.take()))
+        procedure.feed(wearer.channel_map.samples(wearer.take()))

@@ -50,14 +50,14 @@ def pty() -> Iterator[str]:
     os.close(master)
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     assert main(["find-port", *arguments]) == 0
     return capsys.readouterr().out
 
 
 def test_no_port_is_said(plugged: list[ListPortInfo], capsys: pytest.CaptureFixture[str]) -> None:
-    assert "no serial port is there: check the cable" in said(capsys)
-    assert json.loads(said(capsys, "--json")) == {"ports": []}
+    assert "no serial port is there: check the cable" in output(capsys)
+    assert json.loads(output(capsys, "--json")) == {"ports": []}
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_what_a_port_may_be(
     usb: str | None, words: str, plugged: list[ListPortInfo], pty: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plugged.append(info(pty, usb))
-    assert re.search(rf"^  {words}", said(capsys), re.MULTILINE)
+    assert re.search(rf"^  {words}", output(capsys), re.MULTILINE)
 
 
 def test_the_pages_and_rules_name_the_numbers_that_the_drivers_name() -> None:
@@ -93,16 +93,21 @@ def test_a_port_is_named_by_what_stays_with_its_device(
 ) -> None:
     plugged.append(info(pty, "0403:6014", "FTDI", "USB <-> Serial Converter", "FT3FSNI8"))
     stays = tmp_path / "by-id" / "usb-FTDI_FT3FSNI8-if00"
-    assert "no name that stays" in said(capsys)
+    assert "no name that stays" in output(capsys)
     stays.parent.mkdir()
     stays.symlink_to(pty)
-    text = said(capsys)
+    text = output(capsys)
     assert text.startswith(f"{stays}\n")
     assert f"now {pty}" in text
     assert "USB 0403:6014 FTDI USB <-> Serial Converter, serial number FT3FSNI8" in text
-    (told,) = json.loads(said(capsys, "--json"))["ports"]
-    assert (told["path"], told["device"], told["usb"], told["serial"]) == (str(stays), pty, "0403:6014", "FT3FSNI8")
-    assert [(guess["driver"], guess["exact"]) for guess in told["guesses"]] == [
+    (reported,) = json.loads(output(capsys, "--json"))["ports"]
+    assert (reported["path"], reported["device"], reported["usb"], reported["serial"]) == (
+        str(stays),
+        pty,
+        "0403:6014",
+        "FT3FSNI8",
+    )
+    assert [(guess["driver"], guess["exact"]) for guess in reported["guesses"]] == [
         ("dynamixel", True),
         ("softhand", False),
     ]
@@ -112,27 +117,27 @@ def test_a_port_that_may_not_be_opened_has_its_remedy(
     plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plugged.append(info(pty, "2341:0043"))
-    assert "  you may open it" in said(capsys)
+    assert "  you may open it" in output(capsys)
     monkeypatch.setattr(os, "access", lambda *_: False)
     group = type("Group", (), {"gr_name": "dialout"})
     monkeypatch.setattr(serial_ports.grp, "getgrgid", lambda _: group)
-    text = said(capsys)
+    text = output(capsys)
     assert f"you can't open it: {pty} may not be opened. sudo usermod -aG dialout $USER, then log in again" in text
-    (told,) = json.loads(said(capsys, "--json"))["ports"]
-    assert "usermod -aG dialout" in told["obstacle"]["remedy"]
+    (reported,) = json.loads(output(capsys, "--json"))["ports"]
+    assert "usermod -aG dialout" in reported["obstacle"]["remedy"]
     (finding,) = serial.ports({"finger": pty})  # `srl doctor` says the same
-    assert (finding.verdict, finding.remedy) == ("bad", told["obstacle"]["remedy"])
+    assert (finding.verdict, finding.remedy) == ("bad", reported["obstacle"]["remedy"])
     group.gr_name = "root"
-    assert "usermod" not in said(capsys)  # nobody is told to join root
+    assert "usermod" not in output(capsys)  # nobody is told to join root
 
 
 def test_who_holds_a_port_is_named(
     plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plugged.append(info(pty))
-    assert "has it open" not in said(capsys)
+    assert "has it open" not in output(capsys)
     descriptor = os.open(pty, os.O_RDWR | os.O_NOCTTY)
-    assert f"({os.getpid()}) has it open" in said(capsys)
+    assert f"({os.getpid()}) has it open" in output(capsys)
     (finding,) = serial.ports({"finger": pty})  # `srl doctor` says the same
     assert finding.verdict == "doubtful"
     assert f"({os.getpid()}) has it open" in finding.found
@@ -149,9 +154,9 @@ def test_who_locks_a_port_is_named_though_the_process_is_anothers(
     place = f"{os.major(about.st_dev):02x}:{os.minor(about.st_dev):02x}:{about.st_ino}"
     monkeypatch.setattr(serial_ports, "LOCKS", tmp_path / "locks")
     serial_ports.LOCKS.write_text(f"1: FLOCK  ADVISORY  WRITE {os.getpid()} {place}9 0 EOF\n")
-    assert "has it open" not in said(capsys)
+    assert "has it open" not in output(capsys)
     serial_ports.LOCKS.write_text(f"1: FLOCK  ADVISORY  WRITE {os.getpid()} {place} 0 EOF\n")
-    assert f"({os.getpid()}) has it open" in said(capsys)
+    assert f"({os.getpid()}) has it open" in output(capsys)
 
 
 def test_nothing_is_opened(plugged: list[ListPortInfo], pty: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -160,7 +165,7 @@ def test_nothing_is_opened(plugged: list[ListPortInfo], pty: str, capsys: pytest
     opened: list[object] = []
     watching = [True]
     sys.addaudithook(lambda event, given: opened.append(given[0]) if event == "open" and watching else None)
-    said(capsys)
+    output(capsys)
     watching.clear()  # a hook stays for ever
     assert opened  # of /proc, so the hook works
     assert pty not in opened
@@ -179,7 +184,7 @@ def test_the_port_that_came_is_named_once_it_has_settled(
 
     plays = iter([lambda: None, lambda: plugged.append(info(pty, "2341:0043", serial="75735")), link])
     monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays, lambda: None)())
-    text = said(capsys, "--wait")
+    text = output(capsys, "--wait")
     assert text.startswith(f"came: {stays}\n  perhaps firmata")
     assert "ttyS0" not in text
 
@@ -190,9 +195,9 @@ def test_the_port_that_went_is_named(
     plugged.append(info(pty, "0403:6014", serial="FT1"))
     plays: Iterator[Callable[[], object]] = iter([plugged.clear])
     monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays, lambda: None)())
-    told = json.loads(said(capsys, "--wait", "--json"))
-    assert told["came"] == []
-    assert [port["serial"] for port in told["went"]] == ["FT1"]
+    reported = json.loads(output(capsys, "--wait", "--json"))
+    assert reported["came"] == []
+    assert [port["serial"] for port in reported["went"]] == ["FT1"]
 
 
 def test_ctrl_c_ends_the_wait(plugged: list[ListPortInfo], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,16 +227,16 @@ def test_an_adapter_without_a_serial_number_has_no_name_that_stays(
     kind = tmp_path / "by-id" / "usb-1a86_USB_Serial-if00-port0"
     kind.parent.mkdir()
     kind.symlink_to(pty)
-    text = said(capsys)
+    text = output(capsys)
     assert text.startswith(f"{pty}\n")
     assert "it has no name that stays with the device" in text
     socket = tmp_path / "by-path" / "pci-0000:00:14.0-usb-0:2:1.0-port0"
     socket.parent.mkdir()
     socket.symlink_to(pty)
-    text = said(capsys)
+    text = output(capsys)
     assert text.startswith(f"{socket}\n")
     assert "this name is the USB socket's" in text
-    assert json.loads(said(capsys, "--json"))["ports"][0]["path"] == str(socket)
+    assert json.loads(output(capsys, "--json"))["ports"][0]["path"] == str(socket)
 
 
 def test_two_adapters_with_one_serial_number_have_no_name_that_stays(
@@ -242,7 +247,7 @@ def test_two_adapters_with_one_serial_number_have_no_name_that_stays(
     kind = tmp_path / "by-id" / "usb-Silicon_Labs_0001-if00-port0"
     kind.parent.mkdir()
     kind.symlink_to(pty)
-    assert str(kind) not in said(capsys)
+    assert str(kind) not in output(capsys)
 
 
 def test_a_port_that_goes_while_it_is_looked_at_is_told_as_gone(
@@ -256,14 +261,14 @@ def test_a_port_that_goes_while_it_is_looked_at_is_told_as_gone(
 
     monkeypatch.setattr(serial_ports.os, "stat", gone)
     monkeypatch.setattr(serial_ports.os.path, "exists", lambda _: True)
-    assert f"you can't open it: {pty} isn't there" in said(capsys)
+    assert f"you can't open it: {pty} isn't there" in output(capsys)
 
 
 def test_what_a_device_says_of_itself_does_nothing_to_the_terminal(
     plugged: list[ListPortInfo], pty: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plugged.append(info(pty, "2341:0043", "Evil\x1b[2J", "you may\nopen it", "7\x07"))
-    text = said(capsys)
+    text = output(capsys)
     assert "USB 2341:0043 Evil\\x1b[2J you may\\nopen it, serial number 7\\x07\n" in text
 
 

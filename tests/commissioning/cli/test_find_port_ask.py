@@ -61,10 +61,10 @@ def test_somebody_else_s_answer_is_no_answer(
     monkeypatch.setattr(opening, "SCAN", 0.02)
     with twin("cyberglove") as bench:
         assert main(["find-port", "--json", "--ask", "feetech", "--port", bench.address]) == 1
-        said = capsys.readouterr()
-        assert json.loads(said.out) == {"driver": "feetech", "answers": {bench.address: None}}
-        assert "no servo of this kind answers a ping" in said.err
-        assert "Traceback" not in said.err
+        output = capsys.readouterr()
+        assert json.loads(output.out) == {"driver": "feetech", "answers": {bench.address: None}}
+        assert "no servo of this kind answers a ping" in output.err
+        assert "Traceback" not in output.err
 
 
 def test_without_a_port_those_that_may_be_it_are_asked(

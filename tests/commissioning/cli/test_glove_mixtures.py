@@ -48,11 +48,11 @@ def refused(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
 
 def recorded(path: Path, actor: Gloved) -> None:
     """Records a whole calibration."""
-    procedure = Procedure(actor.taps.options.sensors, Plan(read=1.0), Angles(), Thresholds())
+    procedure = Procedure(actor.channel_map.options.sensors, Plan(read=1.0), Angles(), Thresholds())
     while not procedure.done:
         if procedure.step is not actor.step:
             actor.begin(procedure)
-        procedure.feed(actor.taps.samples(actor.take()))
+        procedure.feed(actor.channel_map.samples(actor.take()))
     actor.begin(procedure)
     actor.take()
     file = RowFile(actor.graph.layout, path)
@@ -85,9 +85,9 @@ def test_a_glove_that_was_put_on_anew_isnt_taken_for_the_same(refused: Refused, 
     """It sits otherwise by 0.2 rad, which the fist alone doesn't tell."""
     recorded(folder / "a.rrd", Gloved())
     anew = Gloved(off={number: dict.fromkeys(NAMES, 0.2) for number in range(1, 10)})
-    said = refused("--sim", "--person", "P07", "--redo", "2", "--from", "a.rrd", actor=anew)
+    output = refused("--sim", "--person", "P07", "--redo", "2", "--from", "a.rrd", actor=anew)
     assert anew.shaped == 2
-    assert "index_mpj: the flat hand differs by 0." in said
+    assert "index_mpj: the flat hand differs by 0." in output
 
 
 def test_exchanged_fingers_that_bend_together_are_found(refused: Refused) -> None:
@@ -95,14 +95,14 @@ def test_exchanged_fingers_that_bend_together_are_found(refused: Refused) -> Non
     joints = {"mpj": 1.45, "pij": 1.75, "dij": 1.1}
 
     def alone(finger: str, other: str) -> dict[str, float]:
-        told = {f"{finger}_{joint}": -0.17 * angle for joint, angle in joints.items()}
-        return told | {f"{other}_{joint}": 0.65 * angle for joint, angle in joints.items()}
+        reported = {f"{finger}_{joint}": -0.17 * angle for joint, angle in joints.items()}
+        return reported | {f"{other}_{joint}": 0.65 * angle for joint, angle in joints.items()}
 
     exchanged = [(f"ring_{joint}", f"pinkie_{joint}") for joint in joints]
     off = {7: alone("ring", "pinkie"), 8: alone("pinkie", "ring")}
-    said = refused("--sim", "--person", "P07", actor=Gloved(off=off, swapped=exchanged))
-    assert "ring_pij: while the ring finger alone is bent it shows 65% of the fist, pinkie_pij 83%" in said
-    assert "Are their cables exchanged?" in said
+    output = refused("--sim", "--person", "P07", actor=Gloved(off=off, swapped=exchanged))
+    assert "ring_pij: while the ring finger alone is bent it shows 65% of the fist, pinkie_pij 83%" in output
+    assert "Are their cables exchanged?" in output
 
 
 def test_a_file_that_the_driver_would_take_for_the_vendors_isnt_written(refused: Refused) -> None:

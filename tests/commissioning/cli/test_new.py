@@ -18,10 +18,10 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from srl.commissioning.cli import new, new_questions
-from srl.commissioning.jog.cut import cut
+from srl.commissioning.jog.profile_subset import cut
 from srl.runtime.cli import main
 from srl.runtime.cli.check import examine
-from srl.runtime.profile import profile, shelf
+from srl.runtime.profile import library, profile
 from srl.runtime.profile.edit import content
 from srl.runtime.service import serial_ports
 
@@ -37,7 +37,7 @@ def comments(text: str) -> list[str]:
 
 
 @pytest.mark.sampled(8)
-@pytest.mark.parametrize("template", shelf.shipped())
+@pytest.mark.parametrize("template", library.shipped())
 def test_each_shipped_profile_begins_one_that_passes(
     template: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -63,9 +63,9 @@ def test_values_and_ports_are_written(folder: Path, capsys: pytest.CaptureFixtur
     after = (folder / "mine.yaml").read_text().splitlines()[1:]
     changed = [line for old, line in zip(before, after, strict=True) if old != line]
     assert changed == ["name: mine", "rate: 50                        # Hz, the glove's own", f"    port: {port}"]
-    said = capsys.readouterr().out
-    assert f"not yet: port of finger: {port} isn't there" in said
-    assert "srl doctor mine.yaml" in said
+    output = capsys.readouterr().out
+    assert f"not yet: port of finger: {port} isn't there" in output
+    assert "srl doctor mine.yaml" in output
 
 
 @pytest.mark.slow
@@ -78,9 +78,9 @@ def test_a_calibration_comes_along_under_the_new_name_and_a_persons_takes_its_pl
     assert {path.name for path in folder.iterdir()} == {
         "a.yaml", "a.calibration.json", "b.yaml", "b.calibration.json",
     }  # fmt: skip
-    said = capsys.readouterr().out
-    assert "srl calibrate b.yaml ikns --person P07 --yes" in said
-    assert "it was made in simulation" in said
+    output = capsys.readouterr().out
+    assert "srl calibrate b.yaml ikns --person P07 --yes" in output
+    assert "it was made in simulation" in output
 
 
 @pytest.mark.slow
@@ -96,9 +96,9 @@ def test_a_file_that_is_there_is_kept(folder: Path, capsys: pytest.CaptureFixtur
     assert main([*arguments, "--yes"]) == 0
     assert (folder / "mine.yaml.old").read_text() == "mine before\n"
     assert (folder / "mine.calibration.json").read_bytes() == persons
-    said = capsys.readouterr().out
-    assert "the one before is mine.yaml.old" in said
-    assert "mine.calibration.json: was there already, and is used as it is" in said
+    output = capsys.readouterr().out
+    assert "the one before is mine.yaml.old" in output
+    assert "mine.calibration.json: was there already, and is used as it is" in output
     assert main([*arguments, "--yes"]) == 0
     assert (folder / "mine.yaml.old.2").exists()
 
@@ -140,8 +140,8 @@ def test_another_folder_and_a_file_that_was_typed_from_here(folder: Path) -> Non
     ],
 )
 def test_what_is_wrong_is_refused_and_nothing_written(arguments: list[str], words: str, folder: Path) -> None:
-    said = refused("new", *arguments)
-    assert re.search(words, said), said
+    output = refused("new", *arguments)
+    assert re.search(words, output), output
     assert list(folder.iterdir()) == []
 
 
@@ -152,8 +152,8 @@ def test_a_disk_that_is_full_leaves_the_old_file(folder: Path, monkeypatch: pyte
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    said = refused("new", "mine", "--from", "servo-jog", "--yes")
-    assert "mine.yaml.old: it can't be written: No space left on device" in said
+    output = refused("new", "mine", "--from", "servo-jog", "--yes")
+    assert "mine.yaml.old: it can't be written: No space left on device" in output
     assert (folder / "mine.yaml").read_text() == "mine before\n"
     assert [path.name for path in folder.iterdir()] == ["mine.yaml"]
 
@@ -163,7 +163,7 @@ def test_what_is_asked(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     uno.vid, uno.pid = 0x2341, 0x43
     monkeypatch.setattr(list_ports, "comports", lambda: [uno])
     monkeypatch.setattr(new_questions, "_terminal", lambda: True)
-    number = str(shelf.shipped().index("sixth-finger") + 1)
+    number = str(library.shipped().index("sixth-finger") + 1)
     answers = iter(["", "none", "99", number, "/dev/glove", "2", "1"])
     asked = []
     monkeypatch.setattr("builtins.input", lambda question: (asked.append(question), next(answers))[1])
@@ -173,10 +173,10 @@ def test_what_is_asked(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
         "glove": "/dev/glove",
         "finger": "/dev/ttyACM7",
     }
-    said = capsys.readouterr().out
-    assert "'none' is none of them" in said
-    assert "there is no port number 2" in said
-    assert "/dev/ttyACM7: perhaps firmata" in said
+    output = capsys.readouterr().out
+    assert "'none' is none of them" in output
+    assert "there is no port number 2" in output
+    assert "/dev/ttyACM7: perhaps firmata" in output
     assert asked[-1] == "Port of finger (firmata)? Number, a path, or Enter for /dev/ttyACM0: "
 
 
@@ -215,8 +215,8 @@ def test_on_a_terminal_it_asks_and_ctrl_d_writes_nothing(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_the_commands_it_tells_work_in_that_folder(folder: Path) -> None:
-    said = call(folder, "new", "mine", "--from", "sixth-finger").stdout
-    assert "  srl run mine.yaml --sim\n" in said
+    output = call(folder, "new", "mine", "--from", "sixth-finger").stdout
+    assert "  srl run mine.yaml --sim\n" in output
     done = call(folder, "run", "mine.yaml", "--sim", "--fast", "--duration", "1", "--json")
     assert json.loads(done.stdout.splitlines()[-1])
     assert subprocess.run(
@@ -269,8 +269,8 @@ def test_a_port_that_changes_and_one_of_another_device_are_told(
     assert main(["new", "b", "--from", "finger-jog", "--port", f"finger={stays}"]) == 0
     assert "port of finger" not in capsys.readouterr().out
     assert main(["new", "c", "--from", "servo-jog", "--port", f"finger={stays}"]) == 0
-    assert "port of finger: perhaps firmata (Arduino" in (said := capsys.readouterr().out)
-    assert "Is it dynamixel's?" in said
+    assert "port of finger: perhaps firmata (Arduino" in (output := capsys.readouterr().out)
+    assert "Is it dynamixel's?" in output
 
 
 def test_a_port_that_another_program_has_open_is_told(plugged: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -333,11 +333,11 @@ def test_answers_that_are_odd(
     checked, _ = profile.load("mine.yaml")
     assert checked.devices["glove"].options["port"] == str(plugged / "by-id" / "usb-Arduino_75735-if00")
     assert checked.devices["finger"].options["port"] == "/dev/sixth finger"
-    said = capsys.readouterr().out
-    assert "'²' is none of them" in said
-    assert "'\\udcff\\x1b[2J' is none of them" in said
-    assert "it is glove's already" in said
-    assert "'no' is no path" in said
+    output = capsys.readouterr().out
+    assert "'²' is none of them" in output
+    assert "'\\udcff\\x1b[2J' is none of them" in output
+    assert "it is glove's already" in output
+    assert "'no' is no path" in output
 
 
 def test_its_name_alone_names_the_file_that_is_meant(folder: Path) -> None:
@@ -351,9 +351,9 @@ def test_its_name_alone_names_the_file_that_is_meant(folder: Path) -> None:
 
 
 def test_what_only_a_person_can_compare_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    told = "its limits, directions and ids are those of finger-jog's limb: compare them with yours before it moves"
+    reported = "its limits, directions and ids are those of finger-jog's limb: compare them with yours before it moves"
     assert main(["new", "mine", "--from", "finger-jog"]) == 0
-    assert told in capsys.readouterr().out
+    assert reported in capsys.readouterr().out
     assert main(["new", "seen", "--from", "suit-station"]) == 0
     assert "compare them" not in capsys.readouterr().out
 

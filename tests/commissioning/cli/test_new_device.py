@@ -39,8 +39,8 @@ def test_it_is_installed_and_its_tests_pass_as_written(folder: Path, capsys: pyt
          "--no-build-isolation", "--target", site, package],
         check=True, timeout=200,
     )  # fmt: skip
-    told = environment(folder, site)
-    done = pytest_in(package, told)
+    reported = environment(folder, site)
+    done = pytest_in(package, reported)
     assert done.returncode == 0, done.stdout + done.stderr
     (passed, skipped) = re.findall(r"(\d+) passed, (\d+) skipped", done.stdout)[0]
     assert (int(passed) > 20, skipped) == (True, "2")  # it takes no commands
@@ -49,7 +49,7 @@ def test_it_is_installed_and_its_tests_pass_as_written(folder: Path, capsys: pyt
         ["run", "force-plate.yaml", "--sim", "--fast", "--duration", "1"],
     ):
         run = subprocess.run(
-            [sys.executable, "-m", "srl", *command], cwd=package, env=told, capture_output=True, text=True,
+            [sys.executable, "-m", "srl", *command], cwd=package, env=reported, capture_output=True, text=True,
             check=False, timeout=100,
         )  # fmt: skip
         assert run.returncode == 0, run.stdout + run.stderr
@@ -155,9 +155,9 @@ def test_options_of_profiles_are_refused(option: list[str], folder: Path) -> Non
 def test_a_profile_can_still_be_called_device(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["new", "device", "--from", "sixth-finger"]) == 0
     assert "name: device" in (folder / "device.yaml").read_text()
-    said = refused("new", "device")
-    assert "it isn't said which device" in said
-    assert "--from PROFILE" in said
+    output = refused("new", "device")
+    assert "it isn't said which device" in output
+    assert "--from PROFILE" in output
 
 
 def test_two_names_are_one_too_many() -> None:

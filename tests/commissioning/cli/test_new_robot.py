@@ -14,7 +14,7 @@ from helpers.new_limb import moved_on
 from helpers.run import refused
 
 from srl.commissioning.cli import new_questions
-from srl.commissioning.jog.cut import SPEED, cut
+from srl.commissioning.jog.profile_subset import SPEED, cut
 from srl.commissioning.new.from_urdf import hanging, weight
 from srl.commissioning.new.limb_drives import KINDS, Joint, MitCan
 from srl.runtime.cli import main
@@ -35,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-SAID = {
+REPORT_EVERY = {
     "dynamixel": [],
     "damiao": ["maker=damiao"],
     "ak-v2": ["maker=cubemars", "firmware=v2", "enable_at_open=true"],
@@ -48,14 +48,19 @@ SAID = {
 def arguments(style: str, actuators: str) -> list[str]:
     tip = TIPS[style]
     driver = actuators if actuators in KINDS else "mit-can"
-    said = [word for each in SAID[actuators] for word in ("--set", f"devices.arm.{each}")]
-    return ["new", "mine", "--urdf", f"{style}.urdf", *(["--tip", tip] if tip else []), "--driver", driver, *said]
+    output = [word for each in REPORT_EVERY[actuators] for word in ("--set", f"devices.arm.{each}")]
+    return ["new", "mine", "--urdf", f"{style}.urdf", *(["--tip", tip] if tip else []), "--driver", driver, *output]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("style", "actuators"),
-    [("exported", "dynamixel"), ("xacro", "dynamixel"), ("exported", "damiao"), *(("hip", each) for each in SAID)],
+    [
+        ("exported", "dynamixel"),
+        ("xacro", "dynamixel"),
+        ("exported", "damiao"),
+        *(("hip", each) for each in REPORT_EVERY),
+    ],
 )
 def test_a_strangers_urdf_becomes_a_limb_that_moves(
     style: str, actuators: str, capsys: pytest.CaptureFixture[str]

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from helpers.run import refused
 
-from srl.commissioning.jog.cut import PRESS, WAY, Cut, cut
 from srl.commissioning.jog.hold import Hold
 from srl.commissioning.jog.keys import Keys
+from srl.commissioning.jog.profile_subset import PRESS, WAY, Cut, cut
 from srl.commissioning.jog.session import FRESH
 from srl.control.setpoint.jog import HOLD, REST
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.contracts.signals import Array, Kind, Stop
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED, State
 from srl.runtime.ipc.requests import RequestKind
-from srl.runtime.ipc.words import DEVICE, LINK_CONNECTED, State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile
 
@@ -63,7 +63,7 @@ class Run:
             self.typed = [(at, bytes_) for at, bytes_ in self.typed if at > self.now]
             for key in self.keys.take(data, self.now):
                 self.hold.key(key, self.now)
-            row.views[WAY][:], row.views[PRESS][:] = self.hold.told(self.now)
+            row.views[WAY][:], row.views[PRESS][:] = self.hold.reported(self.now)
             self.words[DEVICE.stamp] = (self.lockstep.count + 1) * self.lockstep.period
             self.states.add(self.lockstep.step())
             found.append(self.cut.actuator.applied.ravel().copy())
@@ -125,19 +125,19 @@ def test_a_tap_moves_one_joint_by_its_time_and_speed_at_most(run: Run, data: byt
 
 
 def test_a_held_key_moves_at_the_speed_and_its_end_brakes(run: Run) -> None:
-    begun, speed = run.now, first(run.cut.speed)
+    started, speed = run.now, first(run.cut.speed)
     last = run.held(RIGHT, 1.2)
     commanded = run.go(1.9)
-    times, found = begun + run.period * np.arange(2, len(commanded) + 1), run.speeds(commanded)[:, 0]
+    times, found = started + run.period * np.arange(2, len(commanded) + 1), run.speeds(commanded)[:, 0]
     assert found.max() <= speed * 1.001
-    even = (times > begun + 0.9) & (times < last)
+    even = (times > started + 0.9) & (times < last)
     np.testing.assert_allclose(found[even], speed, rtol=1e-3)
     slower = times[(times > last) & (found < 0.999 * speed)][0]
     assert slower - last <= 0.15
     law = run.cut.profile.controllers[0].options
     stands = speed / first(law["acceleration"]) + 3 * run.period
     assert not found[times > slower + stands].any()
-    between = (times > begun + 0.45) & (times < begun + 0.5)
+    between = (times > started + 0.45) & (times < started + 0.5)
     if first(law["acceleration"]) > 1.0:
         assert not found[between].any()  # a console's first repeat comes late: until then it was a tap
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from srl.commissioning.jog.hold import Hold
-from srl.commissioning.jog.keys import PATIENCE, Keys
+from srl.commissioning.jog.keys import TIMEOUT, Keys
 
 RIGHT, LEFT = b"\x1b[C", b"\x1b[D"
 
@@ -33,25 +33,25 @@ def test_a_key_in_pieces_is_one_key_and_esc_alone_is_esc() -> None:
     assert keys.take(b"[", 0.01) == []
     assert keys.take(b"C", 0.02) == ["right"]
     assert keys.take(b"\x1b", 1.0) == []
-    assert keys.take(b"", 1.0 + 2 * PATIENCE) == ["esc"]
+    assert keys.take(b"", 1.0 + 2 * TIMEOUT) == ["esc"]
     assert keys.take(b"\x1b[", 2.0) == []
-    assert keys.take(b"", 2.0 + 2 * PATIENCE) == ["esc"]  # what is no key stops
+    assert keys.take(b"", 2.0 + 2 * TIMEOUT) == ["esc"]  # what is no key stops
 
 
-def told(hold: Hold, now: float) -> tuple[list[float], float]:
-    way, press = hold.told(now)
+def reported(hold: Hold, now: float) -> tuple[list[float], float]:
+    way, press = hold.reported(now)
     return way.tolist(), float(press[0])
 
 
 def test_a_press_is_told_while_it_is_fresh_and_never_again() -> None:
     hold = Hold(("a", "b"), 0.03)
-    assert told(hold, 0.0)[1] == 0.0
+    assert reported(hold, 0.0)[1] == 0.0
     hold.key("right", 1.0)
-    assert told(hold, 1.02) == ([1.0, 0.0], 1.0)
+    assert reported(hold, 1.02) == ([1.0, 0.0], 1.0)
     assert hold.expires(1.02) == 1.03  # a loop that is late doesn't take it
-    assert told(hold, 1.04)[1] == 0.0
+    assert reported(hold, 1.04)[1] == 0.0
     hold.key("left", 2.0)
-    assert told(hold, 2.0) == ([-1.0, 0.0], 2.0)
+    assert reported(hold, 2.0) == ([-1.0, 0.0], 2.0)
 
 
 @pytest.mark.parametrize("key", ["up", "down", "1", "2", "9", "space", "esc", "q", "x", "other"])
@@ -59,7 +59,7 @@ def test_every_other_key_brakes(key: str) -> None:
     hold = Hold(("a", "b"), 0.03)
     hold.key("right", 1.0)
     hold.key(key, 1.01)
-    way, press = told(hold, 1.01)
+    way, press = reported(hold, 1.01)
     assert way == [0.0, 0.0]
     assert press == 2.0  # a new one: it takes effect at once
 
@@ -82,6 +82,6 @@ def test_a_step_is_one_press_until_the_key_is_let_go() -> None:
     presses, now = [], 0.0
     for pause in (0.5, *[0.033] * 20, 0.9, 0.033):  # a console's first repeat, the others, let go, again
         hold.key("right", now)
-        presses.append(told(hold, now)[1])
+        presses.append(reported(hold, now)[1])
         now += pause
     assert [p for p in dict.fromkeys(presses) if p] == [1.0, 2.0]

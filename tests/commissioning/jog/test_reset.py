@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from helpers.wait import until
 
-from srl.commissioning.jog.cut import cut
 from srl.commissioning.jog.hold import Hold
 from srl.commissioning.jog.presses import Presses
+from srl.commissioning.jog.profile_subset import cut
 from srl.commissioning.jog.session import Session
 from srl.runtime.ipc import presses
 from srl.runtime.ipc.control_socket import LIFETIME
+from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, Request, RequestKind
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Latch, Origin, State
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.guards import limits_of
 from srl.runtime.loop.lockstep import Lockstep
@@ -55,7 +55,7 @@ class Run:
 
     def press_r(self) -> list[str]:
         self.session._take("r", self.desk, self.row)
-        return list(self.session._said)
+        return list(self.session._reported)
 
     def reset_on_the_panel(self, folder: RunFolder, since: int) -> dict[str, object] | None:
         found: list[dict[str, object] | None] = []

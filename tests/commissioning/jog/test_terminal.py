@@ -19,10 +19,10 @@ from helpers.wait import until
 
 from srl.control.setpoint.jog import HOLD, REST
 from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import CYCLE, Cause, Latch, State
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import CYCLE, Cause, Latch, State
 
 pytestmark = pytest.mark.slow
 
@@ -48,7 +48,7 @@ class Jogging:
         os.close(theirs)
         os.set_blocking(self.terminal, False)
         self.screen = b""
-        self.said = ""
+        self.output = ""
 
     def step(self) -> None:
         """Reads what is on the screen: a terminal that nobody reads fills up."""
@@ -62,13 +62,13 @@ class Jogging:
     def until(self, condition: Callable[[], object], what: str) -> None:
         until(condition, self.step, what=what)
 
-    def begun(self) -> None:
+    def started(self) -> None:
         self.until(lambda: b"active" in self.screen, "the screen")
         self.layout = Layout.load(self.folder.layout)
         self.reader = RingReader(self.folder.rows)
         self.until(lambda: self.state is State.ACTIVE, "motion may begin")
-        begun = self.reader.head
-        self.until(lambda: self.reader.head > begun + 100 * REST + 20, "time in which no key is held")  # at 100 Hz
+        started = self.reader.head
+        self.until(lambda: self.reader.head > started + 100 * REST + 20, "time in which no key is held")  # at 100 Hz
 
     @property
     def row(self) -> Words:
@@ -108,10 +108,10 @@ class Jogging:
             except OSError:
                 pass
             time.sleep(0.01)
-        out, self.said = self.process.communicate(timeout=1)
-        assert self.process.returncode in (codes or (0,)), (self.process.returncode, out, self.said)
-        self.said = self.said or ""
-        assert "Traceback" not in self.said
+        out, self.output = self.process.communicate(timeout=1)
+        assert self.process.returncode in (codes or (0,)), (self.process.returncode, out, self.output)
+        self.output = self.output or ""
+        assert "Traceback" not in self.output
 
     @property
     def loop(self) -> int:
@@ -152,7 +152,7 @@ def test_keys_move_and_stop_and_reset(tmp_path: Path) -> None:
         run.type(RIGHT)  # before it takes the keys: it counts for nothing
         run.until(lambda: b"s start" in run.screen, "the screen")
         run.type(b"s")
-        run.begun()
+        run.started()
         rows = run.taken()
         assert np.ptp(run.layout.value(rows, APPLIED)[10:], axis=0).max() == 0.0
         run.hold(RIGHT, 20)
@@ -174,7 +174,7 @@ def test_keys_move_and_stop_and_reset(tmp_path: Path) -> None:
         run.until(lambda: run.state is State.STOPPED, "the stop by Esc")
         run.type(b"q")
         run.ended()
-        assert "q was pressed" in run.said
+        assert "q was pressed" in run.output
         rows = run.taken()
         velocity = np.diff(run.layout.value(rows, APPLIED)[:, 0])
         assert velocity.max() <= 0.1 * 0.01 * 1.01 * max(1, int(rows[:, CYCLE.dt].max() / 1e7))
@@ -195,11 +195,11 @@ ENDS: dict[str, tuple[Callable[[Jogging], object], str]] = {
 def test_the_loss_of_the_terminal_brakes_and_ends(end: str, tmp_path: Path) -> None:
     act, words = ENDS[end]
     with jogging(tmp_path, alone=end == "hangup") as run:
-        run.begun()
+        run.started()
         run.hold(RIGHT, 5)
         act(run)
         run.ended()
-        assert words in run.said
+        assert words in run.output
         rows = run.taken()
         assert State(int(rows[-1][CYCLE.state])) is State.ENDED
         assert brakes(run.layout, rows) < 0.3
@@ -208,7 +208,7 @@ def test_the_loss_of_the_terminal_brakes_and_ends(end: str, tmp_path: Path) -> N
 
 def test_a_terminal_process_that_is_frozen_moves_nothing_more(tmp_path: Path) -> None:
     with jogging(tmp_path) as run:
-        run.begun()
+        run.started()
         run.hold(RIGHT, 5)
         os.kill(run.process.pid, signal.SIGSTOP)
         until(lambda: run.state is State.STOPPED, what="the stop by the loop itself")
@@ -221,12 +221,12 @@ def test_a_terminal_process_that_is_frozen_moves_nothing_more(tmp_path: Path) ->
 
 def test_the_death_of_the_loop_and_of_the_terminals_process_ends_it(tmp_path: Path) -> None:
     with jogging(tmp_path) as run:
-        run.begun()
+        run.started()
         os.kill(run.loop, signal.SIGKILL)
         run.ended(1)
-        assert "find the cause before the next run" in run.said
+        assert "find the cause before the next run" in run.output
     with jogging(tmp_path) as run:
-        run.begun()
+        run.started()
         loop = run.loop
         run.hold(RIGHT, 5)
         run.process.kill()
@@ -238,13 +238,13 @@ def test_the_death_of_the_loop_and_of_the_terminals_process_ends_it(tmp_path: Pa
 
 def test_one_instance_runs_once(tmp_path: Path) -> None:
     with jogging(tmp_path) as run:
-        run.begun()
+        run.started()
         done = call(tmp_path, "run", "servo-jog", "--sim", code=2)
         assert "it is running already" in done.stderr
         with jogging(tmp_path) as other:
             until(lambda: other.process.poll() is not None)
-            _, said = other.process.communicate()
-            assert "it is running already" in said
+            _, output = other.process.communicate()
+            assert "it is running already" in output
             assert other.process.returncode == 2
         run.type(b"q")
         run.ended(0, 1)  # beside two more programs it may have been late with its keys, which is a fault

@@ -151,13 +151,13 @@ def test_obstacles_in_the_arms_frame_are_kept_off() -> None:
     run(free, 300)
     assert HIP_ARM.forward(free.output["q"])[0, 3] > 0.45  # without the wall it goes there
     run(made, 300)
-    found = made.figures()
+    found = made.metrics()
     assert 0.027 < found["least_distance_m"] < 0.04
     assert found["solver_failures"] == 0
 
 
 def test_a_target_that_is_lost_is_waited_for_at_rest_and_then_stops_the_limb() -> None:
-    made = law(patience=0.5)
+    made = law(timeout=0.5)
     made.input["target"][:] += (0.1, 0.1, 0.0)
     run(made, 30)
     made.input["target"][:] = np.nan
@@ -190,7 +190,7 @@ def test_what_the_guard_holds_back_is_not_wound_up() -> None:
 
 
 def test_a_joint_that_somebody_holds_is_not_commanded_on_and_on() -> None:
-    made = law(leash=0.1)
+    made = law(max_following_error=0.1)
     made.input["target"][:] = HIP_ARM.forward(np.array([1.2, 0.5, 0.7, 0.1]))[:3, 3]
     q, _ = run(made, 400, lag=0.0)
     assert np.abs(q[-1] - Q).max() < 0.15
@@ -223,7 +223,7 @@ def test_a_number_that_is_none_leaves_nothing_behind(name: str) -> None:
 
 @pytest.mark.parametrize("command", ["position", "velocity"])
 def test_a_reset_without_measured_joints_begins_where_the_limb_is(command: str) -> None:
-    made = law(command=command, patience=0.2)
+    made = law(command=command, timeout=0.2)
     made.input["q"][:] = np.nan
     for array in made.applied.values():
         array[:] = np.nan
@@ -240,20 +240,20 @@ def test_a_reset_without_measured_joints_begins_where_the_limb_is(command: str) 
         made.applied["q"][:] = Q
     made.update(0.02)
     assert not made.lost
-    begun = Q if command == "position" else np.zeros(4)
-    assert made.output[name] == pytest.approx(begun, abs=0.01)
+    started = Q if command == "position" else np.zeros(4)
+    assert made.output[name] == pytest.approx(started, abs=0.01)
 
 
 def test_the_step_is_that_of_another_solver_of_the_quadratic_program() -> None:
     """All its terms, and joint speeds that bind: stacked least squares within intervals (scipy)."""
-    spared = {**dict.fromkeys(HIP_ARM.labels, 1.0), "yaw": 3.0}
-    made = law(Q, posture=2.0, damping=0.05, ahead=0.0, speed=3.0, spared=spared)
+    joint_weight = {**dict.fromkeys(HIP_ARM.labels, 1.0), "yaw": 3.0}
+    made = law(Q, posture=2.0, damping=0.05, ahead=0.0, speed=3.0, joint_weight=joint_weight)
     made._posture[:] = Q + np.array([0.2, -0.1, 0.15, 0.1])
     by = np.array([0.1, 0.2, -0.15])
     made.input["target"][:] += by
     model = pinocchio_model(HIP_ARM)
     A = pin.computeFrameJacobian(model, model.createData(), Q, model.getFrameId(FLANGE), pin.LOCAL_WORLD_ALIGNED)[:3]
-    root = np.diag(0.05 * np.sqrt([spared[name] for name in HIP_ARM.labels]))
+    root = np.diag(0.05 * np.sqrt([joint_weight[name] for name in HIP_ARM.labels]))
     pull = root @ (2.0 * (made._posture - Q))
     free = np.linalg.lstsq(np.vstack([A, root]), np.concatenate([4.0 * by, pull]), rcond=None)[0]
     # Within limits: nearest to the free step, the task `priority` times before the motion, both scaled to one.
@@ -268,7 +268,11 @@ def test_the_step_is_that_of_another_solver_of_the_quadratic_program() -> None:
 
 @pytest.mark.parametrize(
     ("options", "reason"),
-    [({"spared": {"yaw": 1.0}}, "spared: "), ({"robot": "pando"}, "no arm 'pando'"), ({"target": "line"}, "target")],
+    [
+        ({"joint_weight": {"yaw": 1.0}}, "joint_weight: "),
+        ({"robot": "pando"}, "no arm 'pando'"),
+        ({"target": "line"}, "target"),
+    ],
 )
 def test_options_that_do_not_fit_are_refused(options: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValidationError, match=reason):

@@ -124,7 +124,7 @@ def test_what_is_pushed_away_takes_the_desired_joints_along() -> None:
     made.input["wanted"][0] = made.input["q"][0]
     made.update(0.01)
     assert abs(made.output["desired"][0] - made.input["q"][0]) < 2.0 / 20.0 + 1e-9  # nothing is wound up
-    assert made.figures()["led"] > 0.5
+    assert made.metrics()["led"] > 0.5
 
 
 def test_the_desired_joints_go_at_their_speed_and_not_beyond_the_limits() -> None:
@@ -185,7 +185,7 @@ def test_a_number_that_is_none_leaves_nothing_behind(name: str) -> None:
 
 
 def test_a_reset_without_measured_joints_waits_and_begins_where_the_limb_is() -> None:
-    made = law(patience=0.2)
+    made = law(timeout=0.2)
     made.input["q"][:] = np.nan
     made.reset()
     for _ in range(20):
@@ -215,7 +215,7 @@ def test_one_wrong_sample_moves_nothing_and_one_that_lasts_begins_anew() -> None
     clean.update(0.002)
     assert made.output["torque"] == pytest.approx(clean.output["torque"], abs=1e-9)
     assert made.output["desired"] == pytest.approx(clean.output["desired"], abs=1e-9)
-    assert made.figures()["doubted"] == pytest.approx(1 / 3)
+    assert made.metrics()["doubted"] == pytest.approx(1 / 3)
     made.input["q"][1] += 1.0
     spring = []
     for _ in range(200):

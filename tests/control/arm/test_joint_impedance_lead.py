@@ -66,17 +66,17 @@ def test_where_the_limb_is_found_anew_nothing_of_the_motion_before_is_left() -> 
 
 def test_a_limb_that_is_held_feels_the_spring_at_its_leash_alone() -> None:
     """A hand holds it while the desired joints would go on: they don't move, so they lead nothing."""
-    leash = 0.02
-    made = law(lead=1.0, leash=leash)
+    max_following_error = 0.02
+    made = law(lead=1.0, max_following_error=max_following_error)
     made.reset()
     made.input["wanted"][:] = Q + np.array([1.0, -1.0, 1.0, -1.0])
     for _ in range(200):
         made.update(DT)
-    assert spring(made) == pytest.approx(STIFFNESS * leash * [1, -1, 1, -1], abs=1e-9)
+    assert spring(made) == pytest.approx(STIFFNESS * max_following_error * [1, -1, 1, -1], abs=1e-9)
 
 
 def test_one_joint_that_is_held_does_not_take_the_lead_of_the_others() -> None:
-    made = law(lead=1.0, leash=0.02)
+    made = law(lead=1.0, max_following_error=0.02)
     made.reset()
     for _ in range(200):
         made.input["q"][1:] += DT * V[1:]

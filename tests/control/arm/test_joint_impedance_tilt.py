@@ -60,7 +60,7 @@ def test_a_base_that_no_wearer_can_tilt_so_is_refused_at_the_reset(upright: str,
     ):
         assert word in made.why
     for _ in range(100):  # in the stop the weight is held as of a wearer who stands
-        made.weigh(0.01)
+        made.update_gravity(0.01)
         assert made.output["gravity"] == pytest.approx(weight((0, 0, 1)), abs=1e-9)
 
 
@@ -77,7 +77,7 @@ def test_a_wearer_who_leans_is_not(share: float, way: float) -> None:
 @given(st.floats(1.1, np.pi), st.floats(-np.pi, np.pi))
 def test_a_base_that_goes_too_far_is_followed_until_it_lies_and_stops_the_limb(tilt: float, way: float) -> None:
     """A wearer who lies down, or a sensor that has come off: nobody knows which."""
-    made = law(upright="imu", patience=0.3, smooth=0.0)
+    made = law(upright="imu", timeout=0.3, smooth=0.0)
     made.reset()
     made.input["orientation"][:] = exp(tilt * np.cos(way), tilt * np.sin(way), 0.0)
     for _ in range(29):
@@ -93,7 +93,7 @@ def test_a_base_that_goes_too_far_is_followed_until_it_lies_and_stops_the_limb(t
     held = made.output["gravity"].copy()
     made.reset()
     assert made.lost
-    made.weigh(0.01)
+    made.update_gravity(0.01)
     assert made.output["gravity"] == pytest.approx(held, abs=1e-6)
     made.input["orientation"][:] = (1.0, 0.0, 0.0, 0.0)
     made.reset()
@@ -120,7 +120,7 @@ def test_frames_that_are_measured_say_where_up_is_too() -> None:
 
 
 def test_lost_up_is_held_and_then_stops_the_limb() -> None:
-    made = law(upright="imu", patience=0.3)
+    made = law(upright="imu", timeout=0.3)
     made.input["orientation"][:] = exp(0.3, 0.0, 0.0)
     made.reset()
     held = made.output["gravity"].copy()
@@ -140,16 +140,16 @@ def test_lost_up_is_held_and_then_stops_the_limb() -> None:
 
 def test_in_a_stop_it_weighs_on_as_the_limb_and_its_base_are_and_nothing_else() -> None:
     """A limb that is led by hand while its wearer leans, then a sensor that isn't there any more."""
-    made = law(upright="imu", patience=0.3)
+    made = law(upright="imu", timeout=0.3)
     made.reset()
     made.update(0.002)
     torque, desired = made.output["torque"].copy(), made.output["desired"].copy()
     for k in range(500):
         made.input["q"][:] = Q + np.array([0.2, -0.9, 0.5, 0.3]) * k / 499
         made.input["orientation"][:] = exp(0.1 * k / 499, -0.7 * k / 499, 0.0)
-        made.weigh(0.002)
+        made.update_gravity(0.002)
     for _ in range(100):  # the low-pass on where up is
-        made.weigh(0.002)
+        made.update_gravity(0.002)
     tilt = exp(0.1, -0.7, 0.0)
     model = pinocchio_model(ROBOT, gravity=tuple(-9.81 * np.array(matrix(conjugate(tilt)))[:, 2]))
     expected = pin.computeGeneralizedGravity(model, model.createData(), made.input["q"])
@@ -160,5 +160,5 @@ def test_in_a_stop_it_weighs_on_as_the_limb_and_its_base_are_and_nothing_else() 
     made.input["orientation"][:] = np.nan
     made.input["q"][:] = np.nan
     for _ in range(500):
-        made.weigh(0.002)
+        made.update_gravity(0.002)
     assert made.output["gravity"] == pytest.approx(held, abs=0.0)

@@ -115,7 +115,7 @@ def test_one_waypoint_follows_another_after_its_rest() -> None:
     run(made, 1)
     pressed(made, "ahead")
     run(made, 1500)
-    assert made.figures()["arrivals"] >= 4
+    assert made.metrics()["arrivals"] >= 4
 
 
 def test_the_speed_is_followed_gradually_and_zero_waits_on_the_way() -> None:

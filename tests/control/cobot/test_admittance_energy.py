@@ -25,7 +25,7 @@ def test_a_lean_of_ten_seconds_on_a_wall_costs_nothing() -> None:
             speeds.append((ahead, controller.output["twist"][0].item()))
     away = [-v for ahead, v in speeds if ahead < wall]
     assert away[round(0.7 / DT)] > 0.98 * 0.75  # 30 N over 40 N s/m
-    assert controller.figures()["damped_cycles"] == 0
+    assert controller.metrics()["damped_cycles"] == 0
 
 
 @pytest.mark.parametrize("age", [0.0, 0.02])

@@ -36,7 +36,7 @@ def test_a_press_toggles_its_own_mode_once_however_long_it_lasts(which: int) -> 
             assert cycle(controller, *down) == expected
         for _ in range(3):
             assert cycle(controller, 0, 0, 0, 0) == expected
-    assert sum(controller.figures()["presses"].values()) == 3  # type: ignore[attr-defined]
+    assert sum(controller.metrics()["presses"].values()) == 3  # type: ignore[attr-defined]
 
 
 def test_a_button_held_at_the_reset_counts_only_after_it_was_let_go() -> None:

@@ -252,7 +252,7 @@ def test_buttons_at_any_instant_make_no_step() -> None:
         rig.step()
         arm.append(rig.chain.law.output["velocity"].copy())
         base.append(rig.chain.law.output["base_twist"].copy())
-    assert sum(rig.chain.keys.figures()["presses"].values()) > 60  # type: ignore[attr-defined]
+    assert sum(rig.chain.keys.metrics()["presses"].values()) > 60  # type: ignore[attr-defined]
     assert np.abs(np.diff(arm, axis=0)).max() / rig.dt < 20.0  # rad/s^2; the hand's own 30 N / 6 kg among it
     assert np.abs(np.diff(base, axis=0)).max() / rig.dt < 5.0
 

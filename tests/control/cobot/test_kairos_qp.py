@@ -100,10 +100,10 @@ def test_the_solver_itself_agrees_with_the_closed_form(seed: int) -> None:
     mine.reset()
     mine.update(DT)
     want = {name: value.copy() for name, value in mine.output.items()}
-    assert mine.figures()["limited"] == 0
+    assert mine.metrics()["limited"] == 0
     mine._base_speed[1] = abs(mine.output["base_twist"][1]) * (1 - 1e-9)
     mine.update(DT)
-    assert mine.figures()["limited"] == 0.5
+    assert mine.metrics()["limited"] == 0.5
     for name, value in want.items():
         np.testing.assert_allclose(mine.output[name], value, rtol=1e-6, atol=1e-6)
 
@@ -166,8 +166,8 @@ def test_limits_are_kept_whatever_is_wished_for(seed: int, lag: float) -> None:
         assert (rig.q <= UR16E.q_upper).all()
         assert (rig.q >= UR16E.q_lower).all()
         last, twist = v, w
-    assert law.figures()["limited"] > 0.05  # type: ignore[operator]
-    assert law.figures()["solver_failures"] == 0
+    assert law.metrics()["limited"] > 0.05  # type: ignore[operator]
+    assert law.metrics()["solver_failures"] == 0
 
 
 @pytest.mark.slow
@@ -211,7 +211,7 @@ def test_a_solver_that_fails_brakes_and_is_counted(monkeypatch: pytest.MonkeyPat
     want = np.sign(before) * np.maximum(np.abs(before) - ACCELERATION * DT, 0)
     np.testing.assert_allclose(law.output["velocity"], want, atol=1e-12)
     np.testing.assert_allclose(law.output["base_twist"], 0.3 - DT * np.array([0.6, 0.6, 1.5]), atol=1e-12)
-    assert law.figures()["solver_failures"] == failures + 1
+    assert law.metrics()["solver_failures"] == failures + 1
 
 
 def test_it_begins_at_rest_and_gains_speed_within_its_limits() -> None:

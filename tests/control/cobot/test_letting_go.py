@@ -50,7 +50,7 @@ def test_a_released_handle_stops_within_a_fifth_of_a_second(modes: list[float]) 
 
 def lagging(controller: Admittance, seconds: float, gain: float = 3.0) -> tuple[float, float]:
     """How far a robot goes that makes up for `gain` of its error a second, m and rad."""
-    begun = controller.input["pose"].copy()
+    started = controller.input["pose"].copy()
     for _ in range(round(seconds / DT)):
         controller.update(DT)
         x, y, z, qw, qx, qy, qz = controller.input["pose"].tolist()
@@ -61,8 +61,8 @@ def lagging(controller: Admittance, seconds: float, gain: float = 3.0) -> tuple[
         controller.input["pose"][:] = [x + way[0], y + way[1], z + way[2], *turned]
         controller.input["twist"][:] = [v / DT for v in (*way, *turn)]
     end = controller.input["pose"]
-    return float(np.linalg.norm(end[:3] - begun[:3])), float(
-        np.linalg.norm(rotation.error(tuple(end[3:].tolist()), tuple(begun[3:].tolist())))
+    return float(np.linalg.norm(end[:3] - started[:3])), float(
+        np.linalg.norm(rotation.error(tuple(end[3:].tolist()), tuple(started[3:].tolist())))
     )
 
 

@@ -302,11 +302,11 @@ def test_buttons_at_any_instant_make_no_step() -> None:
         rig.step()
         torque.append(rig.chain.law.output["torque"].copy())
         base.append(rig.chain.law.output["base_twist"].copy())
-    assert sum(rig.chain.keys.figures()["presses"].values()) > 40  # type: ignore[attr-defined]
+    assert sum(rig.chain.keys.metrics()["presses"].values()) > 40  # type: ignore[attr-defined]
     assert np.isfinite(torque).all()
     assert np.abs(np.diff(torque, axis=0)).max() < 1.0  # N m in 1 ms: the arm's torque rate
     assert np.abs(np.diff(base, axis=0)).max() / 1e-3 < 3.0  # m/s^2, rad/s^2
-    assert rig.chain.law.figures()["near_singular"] == 0
+    assert rig.chain.law.metrics()["near_singular"] == 0
 
 
 def test_signals_fit_the_devices() -> None:

@@ -93,7 +93,7 @@ def test_a_dropped_load_throws_the_arm_up_when_it_was_assumed_and_not_when_it_wa
             before = law.output["torque"].copy()
         if payload == "identified":
             assert rig.chain.payload is not None
-            assert rig.chain.payload.figures()["contacts"] == 0
+            assert rig.chain.payload.metrics()["contacts"] == 0
             assert rig.chain.payload.output["load"][0] < 0.1
         assert largest < 1.0  # N m in 1 ms: the arm's torque rate
         thrown.append(max(heights[1200:]) - heights[1199])

@@ -97,7 +97,7 @@ def test_without_active_limits_it_is_the_closed_form(seed: int, eta_B: float, et
         other.update(DT)
         for name, value in other.output.items():
             np.testing.assert_allclose(mine.output[name], value, rtol=1e-6, atol=1e-6)
-    assert mine.figures()["limited"] == 0
+    assert mine.metrics()["limited"] == 0
 
 
 @settings(max_examples=15, deadline=None)
@@ -113,10 +113,10 @@ def test_the_solver_itself_agrees_with_the_closed_form(seed: int, eta_B: float, 
     mine.reset()
     mine.update(DT)
     want = {name: value.copy() for name, value in mine.output.items()}
-    assert mine.figures()["limited"] == 0
+    assert mine.metrics()["limited"] == 0
     mine._effort[2] = abs(mine.output["torque"][2]) * (1 - 1e-9)
     mine.update(DT)
-    assert mine.figures()["limited"] == 0.5
+    assert mine.metrics()["limited"] == 0.5
     for name, value in want.items():
         np.testing.assert_allclose(mine.output[name], value, rtol=1e-6, atol=1e-6)
 
@@ -147,18 +147,18 @@ def test_limits_are_kept_whatever_is_wished_for(seed: int, effort: float) -> Non
         twist = law.output["base_twist"].copy()
         assert (np.abs(twist) <= V + 1e-9).all()
         law.applied["base_twist"][:] = twist
-        if law.figures()["too_weak"] == 0:
+        if law.metrics()["too_weak"] == 0:
             assert (np.abs(a) <= PANDA.ddq_max + 1e-5).all()
         q, qd = q + DT * qd + DT * DT / 2 * a, qd + DT * a
         co, si = np.cos(base[2]), np.sin(base[2])
         base = base + DT * np.array([co * twist[0] - si * twist[1], si * twist[0] + co * twist[1], twist[2]])
-        if law.figures()["too_weak"] == 0:
+        if law.metrics()["too_weak"] == 0:
             assert (np.abs(qd) <= PANDA.dq_max + 1e-6).all()
             assert (q >= PANDA.q_lower).all()
             assert (q <= PANDA.q_upper).all()
         measured(law, q=q, qd=qd, base=base, twist=twist)
-    assert law.figures()["solver_failures"] == 0
-    assert law.figures()["limited"] > 0.05  # type: ignore[operator]
+    assert law.metrics()["solver_failures"] == 0
+    assert law.metrics()["limited"] > 0.05  # type: ignore[operator]
 
 
 class Seen(Nearest):
@@ -204,8 +204,8 @@ def test_torques_too_weak_for_the_limits_still_have_an_answer() -> None:
     law.reset()
     law.update(DT)
     assert (np.abs(law.output["torque"]) <= 0.01 * PANDA.tau_max + 1e-9).all()
-    assert law.figures()["too_weak"] == 1
-    assert law.figures()["solver_failures"] == 0
+    assert law.metrics()["too_weak"] == 1
+    assert law.metrics()["solver_failures"] == 0
 
 
 def test_a_solver_that_fails_gives_a_damped_stop_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,7 +225,7 @@ def test_a_solver_that_fails_gives_a_damped_stop_and_is_counted(monkeypatch: pyt
     assert (np.abs(a) <= PANDA.ddq_max + 1e-9).all()
     assert (law.output["base_twist"] < 0.3).all()
     assert (law.output["base_twist"] >= 0.3 - DT * np.array([0.6, 0.6, 1.5]) - 1e-9).all()
-    assert law.figures()["solver_failures"] == 1
+    assert law.metrics()["solver_failures"] == 1
 
 
 def test_it_begins_with_nothing_on_top_of_gravity_compensation() -> None:
@@ -259,8 +259,8 @@ def test_dragged_to_the_arms_limits_it_stays_within_them_and_smooth(push: tuple[
         torque.append(law.output["torque"].copy())
         base.append(law.output["base_twist"].copy())
         q.append(rig.arm.position.copy())
-    assert law.figures()["limited"] > 0.05  # type: ignore[operator]
-    assert law.figures()["solver_failures"] == 0
+    assert law.metrics()["limited"] > 0.05  # type: ignore[operator]
+    assert law.metrics()["solver_failures"] == 0
     room = np.minimum(np.array(q) - PANDA.q_lower, PANDA.q_upper - np.array(q))
     assert room.min() > 0.01
     assert np.abs(np.diff(torque, axis=0)).max() < 1.0  # N m in 1 ms: what the Panda allows

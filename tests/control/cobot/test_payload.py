@@ -149,8 +149,8 @@ def test_a_load_is_identified_from_pick_up_on_and_guided_motion_is_no_contact() 
         most = max(most, float(np.linalg.norm(held.seen[:3])))
         assert not held.law.contact
     assert most < 10.0
-    figures = held.law.figures()
-    assert (figures["contacts"], figures["drops"], figures["put_down"]) == (0, 0, 0)
+    metrics = held.law.metrics()
+    assert (metrics["contacts"], metrics["drops"], metrics["put_down"]) == (0, 0, 0)
     assert held.load[0] == pytest.approx(MASS, abs=0.1)
     assert held.law.output["deviation"][0] < 0.7  # most of it is what the sensor may be off
 
@@ -221,7 +221,7 @@ def test_a_dropped_load_is_gone_within_50_ms_and_is_no_contact() -> None:
         assert not held.law.contact
     assert held.load[0] < 0.5
     held.wait(1.0)
-    assert held.law.figures()["drops"] == 1
+    assert held.law.metrics()["drops"] == 1
     np.testing.assert_allclose(held.seen[:3], 0.0, atol=5.0)
 
 
@@ -257,8 +257,8 @@ def test_a_load_may_be_put_down_and_taken_up_again() -> None:
     held.outside[:] = held.outside[2] * np.array([0, 0, 1, 0, 0, 0])
     held.share, held.outside[2] = 0.0, 0.0
     held.wait(1.0)
-    figures = held.law.figures()
-    assert (figures["drops"], figures["put_down"]) == (0, 1)
+    metrics = held.law.metrics()
+    assert (metrics["drops"], metrics["put_down"]) == (0, 1)
     assert held.load[0] < 0.1
     held.share = 1.0
     held.go(0.15 * UP, 1.0)
@@ -300,7 +300,7 @@ def test_opened_the_load_goes_without_contact() -> None:
     held.wait(0.5)
     assert held.phase is Phase.OPEN
     assert held.load[0] == 0.0
-    assert held.law.figures()["contacts"] == 0
+    assert held.law.metrics()["contacts"] == 0
 
 
 def test_after_a_stop_the_load_is_still_known_and_only_new_contact_stops() -> None:

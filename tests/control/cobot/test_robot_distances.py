@@ -165,7 +165,7 @@ def kept_off(
 @pytest.mark.parametrize("aim", [(0.0, 0.0, -2.0), (0.8, 0.0, -0.6)])
 def test_the_ground_and_the_robot_itself_are_not_run_into(aim: tuple[float, float, float]) -> None:
     law, _ = kept_off(np.array(aim), {}, 3.0)
-    found = law.figures()
+    found = law.metrics()
     assert found["least_distance_m"] > 0.03 - 2e-3, found  # type: ignore[operator]
     assert found["solver_failures"] == 0
 
@@ -176,7 +176,7 @@ def test_an_obstacle_is_approached_and_not_touched() -> None:
     x, y, z = START
     wall = {"wall": {"size": (0.1, 3.0, 4.0), "position": (x - 0.4, y, z)}}
     law, way = kept_off(np.array([-1.0, 0.0, 0.0]), wall, 2.5)
-    found = law.figures()
+    found = law.metrics()
     assert 0.03 - 2e-3 < found["least_distance_m"] < 0.04  # type: ignore[operator]
     assert str(found["nearest"]).endswith("/wall")
     assert found["solver_failures"] == 0
@@ -190,9 +190,9 @@ def test_a_gap_that_is_too_small_from_the_start_opens_slowly() -> None:
     wall = {"wall": {"size": (0.1, 3.0, 4.0), "position": (x - 0.01, y, z)}}
     law, way = kept_off(np.zeros(3), wall, 0.6)
     speed = np.linalg.norm(np.diff(way, axis=0), axis=1) * 500
-    assert str(law.figures()["nearest"]).endswith("/wall")
+    assert str(law.metrics()["nearest"]).endswith("/wall")
     assert speed.max() < 0.15
-    assert law.figures()["solver_failures"] == 0
+    assert law.metrics()["solver_failures"] == 0
 
 
 @pytest.mark.parametrize(("beside", "deep"), [(0.0, False), (0.15, True)])
@@ -209,7 +209,7 @@ def test_the_base_keeps_off_an_obstacle_too() -> None:
     """In locomotion the base follows the tool; a low step stands behind it."""
     step = {"step": {"size": (0.1, 3.0, 0.3), "position": (-0.55, 0.0, 0.15)}}
     law, _ = kept_off(np.array([-1.0, 0.0, 0.0]), step, 3.0, locomotion=True)
-    found = law.figures()
+    found = law.metrics()
     assert 0.03 - 2e-3 < found["least_distance_m"] < 0.06  # type: ignore[operator]
     assert found["nearest"] == "base/step"
 
@@ -236,6 +236,6 @@ def test_moca_keeps_off_a_wall_in_simulation() -> None:
             if k % 20 == 0:
                 seen(np.concatenate([rig.base.pose(), rig.arm.position]), np.zeros(10))
         least.append(seen.least)
-        assert law.figures()["solver_failures"] == 0
+        assert law.metrics()["solver_failures"] == 0
     assert least[0] > 0.02
     assert least[1] < 0.0

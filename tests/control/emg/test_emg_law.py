@@ -75,7 +75,7 @@ def test_rest_is_zero_and_the_greatest_contraction_one() -> None:
         found = [worn.cycle(samples[at : at + 20]) for at in range(0, 2000, 20)]
         assert (np.array(found[:19]) == 0.0).all()  # until the filters have settled
         assert low <= np.mean(found[60:]) <= high
-        assert worn.law.figures()["gaps"] == 0
+        assert worn.law.metrics()["gaps"] == 0
 
 
 def test_it_settles_after_a_step_within_a_quarter_of_a_second() -> None:
@@ -118,7 +118,7 @@ def test_where_samples_are_missing_the_last_activation_stands_and_then_the_limb_
         found = worn.cycle(samples[at : at + 20])
     assert not worn.law.lost
     assert (found != before).all()
-    assert worn.law.figures()["gaps"] == 1
+    assert worn.law.metrics()["gaps"] == 1
 
 
 def test_cycles_without_new_samples_are_no_gap_until_they_last() -> None:

@@ -31,7 +31,7 @@ def test_fingertips_that_come_toward_the_finger_are_met() -> None:
     toward = (ROBOT[0] - TIPS.mean(axis=0)) / np.linalg.norm(ROBOT[0] - TIPS.mean(axis=0))
     ways = {}
     for deformation in ("isotropic", "concentric"):
-        controller = mapping(TIPS, deformation=deformation, leash=1.0)
+        controller = mapping(TIPS, deformation=deformation, max_following_error=1.0)
         for u in np.linspace(0.0, 0.03, 20):
             step(controller, TIPS + u * toward)
         ways[deformation] = float((controller.output["target"][0] - ROBOT[0]) @ toward)
@@ -76,4 +76,4 @@ def test_points_in_the_centre_tell_no_size() -> None:
 )
 def test_the_noise_gain_of_the_figures(points: tuple[str, ...], gain: float) -> None:
     controller = mapping(TIPS, deformation="concentric", points=points)
-    assert controller.figures()["noise_gain"] == pytest.approx(gain, rel=0.05)
+    assert controller.metrics()["noise_gain"] == pytest.approx(gain, rel=0.05)

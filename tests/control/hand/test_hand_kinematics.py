@@ -65,10 +65,10 @@ def test_angles_beyond_anatomy_stay_within_the_hand(angles: Array) -> None:
 def test_readings_beyond_range_are_counted() -> None:
     hand = glove()
     hand.reset()
-    assert hand.figures()["beyond_range"] == 0.0
+    assert hand.metrics()["beyond_range"] == 0.0
     hand.input["angles"][4] = -1.5
     hand.update(0.01)
-    assert hand.figures()["beyond_range"] == 0.5
+    assert hand.metrics()["beyond_range"] == 0.5
 
 
 def test_left_hand_mirrors_the_right() -> None:

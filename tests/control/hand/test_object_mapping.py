@@ -76,7 +76,7 @@ def test_an_object_that_only_scales_moves_and_shrinks_with_the_fingertips_and_do
     w: Array, shrink: float, shift: Array
 ) -> None:
     """The tip's target is that of the same motion without its rotation."""
-    controller = mapping(TIPS, deformation="scaling", leash=1.0)
+    controller = mapping(TIPS, deformation="scaling", max_following_error=1.0)
     start, centre = finger_tip(HOME), TIPS.mean(axis=0)
     for u in np.linspace(0.05, 1.0, 20):
         R, scale = Rotation.from_rotvec(0.3 * u * w).as_matrix(), np.exp(u * shrink)
@@ -107,7 +107,7 @@ def test_a_hand_that_isnt_measured_at_a_reset_becomes_the_reference_once_it_is(
     controller.input["tips"][lost] = np.nan
     controller.reset()
     assert np.isfinite(controller.output["sphere"]).all()
-    assert np.isnan(controller.figures()["noise_gain"])  # the run may end here
+    assert np.isnan(controller.metrics()["noise_gain"])  # the run may end here
     for _ in range(3):
         np.testing.assert_allclose(step(controller, controller.input["tips"].copy()), start, rtol=0, atol=1e-12)
     np.testing.assert_allclose(step(controller, TIPS), start, rtol=0, atol=1e-12)  # no jump to what it is by now
@@ -166,7 +166,7 @@ def test_motion_held_back_by_the_guard_is_made_up_for(speed: float) -> None:
         slow.input["tips"][:] = closing(u)
         slow.update(0.01)
         ahead = np.linalg.norm(slow.output["target"][0] - finger_tip(before))
-        assert ahead <= slow._leash + 1e-12
+        assert ahead <= slow._max_following_error + 1e-12
         slow.applied["q"][:] = before + np.clip(slow.output["q"] - before, -speed * 0.01, speed * 0.01)
     np.testing.assert_allclose(finger_tip(slow.applied["q"]), finger_tip(expected), atol=1e-4)
 
@@ -178,7 +178,7 @@ def test_a_blocked_finger_does_not_wind_up() -> None:
         controller.update(0.01)  # applied stays at home
         assert np.linalg.norm(controller.output["target"][0] - finger_tip(HOME)) <= 0.03 + 1e-12
         assert np.abs(controller.output["q"] - HOME).max() < 1.5
-    assert controller.figures()["leashed"] > 50
+    assert controller.metrics()["error_limited"] > 50
 
 
 def loop(radius: float = 1.0, samples: int = 200) -> Array:
@@ -268,13 +268,13 @@ def test_reset_forgets_the_past() -> None:
     used.reset()
     for u in np.linspace(0.5, 0.6, 10):
         np.testing.assert_array_equal(step(used, closing(u)), step(fresh, closing(u)))
-    assert used.figures() == fresh.figures()
+    assert used.metrics() == fresh.metrics()
 
 
 def test_partial_mapping_reports_its_noise_gain_before_and_after() -> None:
-    figures = mapping(closing(0.4), points=PARTIAL).figures()
-    assert figures["noise_gain"] < 3.0 < figures["noise_gain_undamped"]
-    whole = mapping(closing(0.4)).figures()
+    metrics = mapping(closing(0.4), points=PARTIAL).metrics()
+    assert metrics["noise_gain"] < 3.0 < metrics["noise_gain_undamped"]
+    whole = mapping(closing(0.4)).metrics()
     assert whole["noise_gain"] == whole["noise_gain_undamped"] < 2.0
 
 
@@ -304,8 +304,8 @@ def test_recorded_hands_drive_the_finger() -> None:
         steps.append(step(controller, hand.output["tips"]))
     assert np.all(np.isfinite(steps))
     assert np.ptp(steps, axis=0).max() > 0.3  # it does follow
-    figures = controller.figures()
-    assert figures["nearest_to_thumb_m"] < np.linalg.norm(finger_tip(HOME) - hand_tips(np.zeros(20))[0])
+    metrics = controller.metrics()
+    assert metrics["nearest_to_thumb_m"] < np.linalg.norm(finger_tip(HOME) - hand_tips(np.zeros(20))[0])
 
 
 @pytest.mark.parametrize("options", [{"points": ("thumb", "thumb")}, {"fingers": (ExtraFinger(), ExtraFinger())}])

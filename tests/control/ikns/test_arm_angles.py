@@ -61,7 +61,7 @@ def test_markers_give_angles_the_hand_in_the_chest_and_the_chest() -> None:
         np.testing.assert_allclose(rotation.homogeneous(arm.output["chest"]), poses["torso"], atol=3e-3)
     assert arm.output["used"].tolist() == [1.0] * len(ARM.markers)
     assert not arm.output["held"].any()
-    assert arm.figures() == {"frames": 50, "misfits": 0, "missing": {}, "rejected": {}}
+    assert arm.metrics() == {"frames": 50, "misfits": 0, "missing": {}, "rejected": {}}
 
 
 def test_the_hand_in_the_chest_doesnt_know_where_the_person_stands() -> None:
@@ -96,13 +96,13 @@ def test_what_isnt_seen_is_held_and_said() -> None:
     held = dict(zip(arm.outputs[1].labels, arm.output["held"], strict=True))
     assert {name for name, value in held.items() if value} == {"right_wrist_flexion", "right_wrist_deviation"}
     assert arm.output["used"][arm.inputs[0].labels.index("rfin")] == 0.0
-    assert arm.figures()["missing"] == {"rfin": 0.5}
+    assert arm.metrics()["missing"] == {"rfin": 0.5}
     before = arm.output["angles"].copy()
     arm.input["marker_visible"][:] = 0.0
     arm.update(0.01)
     np.testing.assert_array_equal(arm.output["angles"], before)
     assert arm.output["held"].all()
-    assert arm.figures()["misfits"] == 1
+    assert arm.metrics()["misfits"] == 1
 
 
 @pytest.mark.parametrize("hidden", [("c7", "t10"), ("c7", "strn"), ("t10", "strn"), ("c7", "clav", "strn")])

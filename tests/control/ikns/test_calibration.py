@@ -181,9 +181,9 @@ def test_a_dof_that_moves_in_the_trials_of_another_is_refused() -> None:
     dof = np.repeat([d for *_, d in rows], 500)
     made = calibrate(Recording(times, np.concatenate([q for q, *_ in rows]), hand, dof))
     assert made.crosstalk[:, 1, 0].max() > 1.0
-    said = refusals(made)
-    assert len(said) == len(POINTS)
-    assert all("of its range in the trial of DoF 1" in str(reason) for reason in said)
+    output = refusals(made)
+    assert len(output) == len(POINTS)
+    assert all("of its range in the trial of DoF 1" in str(reason) for reason in output)
 
 
 @pytest.mark.slow

@@ -116,7 +116,7 @@ def test_the_share_of_cycles_outside_counts_no_reset(file: Path) -> None:
     made.reset()
     for _ in range(3):
         made.update(DT)
-    assert made.figures()["outside"] == 1.0
+    assert made.metrics()["outside"] == 1.0
 
 
 @pytest.mark.slow
@@ -135,7 +135,7 @@ def test_across_the_hull_c_is_continuous(file: Path) -> None:
         made.update(DT)
         steps.append(float(np.abs(made.output["c"] - before)[0]))
         before = made.output["c"].copy()
-    assert 0.05 < made.figures()["outside"] < 1.0  # type: ignore[operator]
+    assert 0.05 < made.metrics()["outside"] < 1.0  # type: ignore[operator]
     assert max(steps) < 0.02  # of 50 um each; at the hull's flat faces Sibson's weights are steep
 
 

@@ -25,8 +25,8 @@ def test_without_inputs_it_holds_and_comes_back_without_a_jump(file: Path, missi
         made.update(DT)
         assert made.output["c"] == c
         assert made.output["c_rate"] == 0.0
-    assert made.figures()["held"] == pytest.approx(5 / 25)
-    assert made.figures()["longest_hold_s"] == pytest.approx(5 * DT)
+    assert made.metrics()["held"] == pytest.approx(5 / 25)
+    assert made.metrics()["longest_hold_s"] == pytest.approx(5 * DT)
     put(made, arm, swing[-1])
     steps = []
     for _ in range(40):

@@ -33,8 +33,8 @@ def test_it_is_the_noise_of_fits() -> None:
     body = one_arm(average(1.75), "right")
     joints = [body.names[i] for i in body.chains["right_arm"]]
     found = calibration()
-    told = noise_of_c(body, joints, np.tile(POSTURE, (len(found.sites), 1)), found)
-    assert told.shape == (10, 1)
+    reported = noise_of_c(body, joints, np.tile(POSTURE, (len(found.sites), 1)), found)
+    assert reported.shape == (10, 1)
 
     q = np.zeros(len(body.names))
     q[list(body.chains["right_arm"])] = POSTURE
@@ -54,7 +54,7 @@ def test_it_is_the_noise_of_fits() -> None:
     fitted = np.linalg.lstsq(J, noisy.T, rcond=None)[0][list(body.chains["right_arm"])]
     spans = (found.upper - found.lower)[:, 0]
     seen = (found.directions[:, 0] @ fitted).std(axis=1) / spans
-    assert told[:, 0] == pytest.approx(seen, rel=0.03)
+    assert reported[:, 0] == pytest.approx(seen, rel=0.03)
 
 
 def test_a_point_without_a_posture_has_none() -> None:
@@ -62,6 +62,6 @@ def test_a_point_without_a_posture_has_none() -> None:
     joints = [body.names[i] for i in body.chains["right_arm"]]
     postures = np.tile(POSTURE, (10, 1))
     postures[4] = np.nan
-    told = noise_of_c(body, joints, postures, calibration())
-    assert np.isnan(told[4, 0])
-    assert np.isfinite(np.delete(told, 4, axis=0)).all()
+    reported = noise_of_c(body, joints, postures, calibration())
+    assert np.isnan(reported[4, 0])
+    assert np.isfinite(np.delete(reported, 4, axis=0)).all()

@@ -135,11 +135,11 @@ def test_after_a_narrow_circle_it_is_held_or_what_it_was(cone: float, sense: flo
     circle = [at(angle) for angle in sense * 2 * np.pi * np.linspace(0.0, 1.0, 400)]
     wearer = Wearer(circle[0])
     shoulder = slice(0, 3)
-    begun, held = wearer.arm.output["angles"][shoulder].copy(), bool(wearer.arm.output["held"].any())
+    started, held = wearer.arm.output["angles"][shoulder].copy(), bool(wearer.arm.output["held"].any())
     for there in [*circle, *circle[-1:] * 100]:
         still = wearer.step(there)[2]
     assert bool(wearer.arm.output["held"].any()) == held
     if held:
         assert still
     else:
-        np.testing.assert_allclose(wearer.arm.output["angles"][shoulder], begun, atol=np.deg2rad(1.0))
+        np.testing.assert_allclose(wearer.arm.output["angles"][shoulder], started, atol=np.deg2rad(1.0))

@@ -51,7 +51,7 @@ class Feeder:
                 return
 
 
-def begun(dofs: tuple[str, ...] = ("swivel",)) -> Feeder:
+def started(dofs: tuple[str, ...] = ("swivel",)) -> Feeder:
     """A procedure whose workspace is explored."""
     feeder = Feeder(Procedure(dofs, FEW, PLAN))
     feeder.stay(1.2)
@@ -72,7 +72,7 @@ def point(feeder: Feeder, swing: float = 0.5) -> None:
 
 @pytest.mark.parametrize("dofs", [("swivel",), ("swivel", "shrug")])
 def test_every_point_has_a_trial_of_each_dof(dofs: tuple[str, ...]) -> None:
-    feeder = begun(dofs)
+    feeder = started(dofs)
     done = []
     while feeder.procedure.step.kind is not Kind.DONE:
         done.append((feeder.procedure.step.point, feeder.procedure.step.dof))
@@ -84,7 +84,7 @@ def test_every_point_has_a_trial_of_each_dof(dofs: tuple[str, ...]) -> None:
 
 
 def test_the_points_are_near_the_corners_and_where_the_hand_has_been() -> None:
-    feeder = begun()
+    feeder = started()
     points = feeder.procedure.points
     assert points is not None
     assert len(points) == 10
@@ -101,7 +101,7 @@ def test_the_points_are_near_the_corners_and_where_the_hand_has_been() -> None:
 def test_what_is_fed_matters_and_not_in_how_many_pieces(first: int, second: int) -> None:
     views = []
     for sizes in ((40,), (first, second)):
-        feeder = begun()
+        feeder = started()
         feeder.stay(2.0, feeder.procedure.target)
         t = np.arange(1, 41) * 0.01
         assert feeder.procedure.target is not None
@@ -119,7 +119,7 @@ def test_what_is_fed_matters_and_not_in_how_many_pieces(first: int, second: int)
 
 
 def test_samples_with_another_mark_dont_count() -> None:
-    feeder = begun()
+    feeder = started()
     feeder.stay(2.0, feeder.procedure.target)
     assert feeder.procedure.step == Step(Kind.TRIAL, 0, 0)
     target = feeder.procedure.target
@@ -131,7 +131,7 @@ def test_samples_with_another_mark_dont_count() -> None:
 
 
 def test_a_trial_goes_on_until_enough_is_kept_and_not_merely_for_its_time() -> None:
-    feeder = begun()
+    feeder = started()
     target = feeder.procedure.target
     assert target is not None
     feeder.stay(2.0, target)
@@ -152,7 +152,7 @@ def test_a_trial_goes_on_until_enough_is_kept_and_not_merely_for_its_time() -> N
     [("still", 0.01, "move farther"), ("moving", 0.5, "hold the hand stiller"), ("hidden", 0.5, "markers are missing")],
 )
 def test_a_trial_that_goes_nowhere_ends_and_says_why(hand: str, swing: float, why: str) -> None:
-    feeder = begun()
+    feeder = started()
     target = feeder.procedure.target
     assert target is not None
     feeder.stay(2.0, target)
@@ -167,7 +167,7 @@ def test_a_trial_that_goes_nowhere_ends_and_says_why(hand: str, swing: float, wh
 
 
 def test_a_point_that_isnt_reached_exactly_is_taken_where_the_hand_holds_still() -> None:
-    feeder = begun()
+    feeder = started()
     assert feeder.procedure.target is not None
     beside = feeder.procedure.target + 0.05
     feeder.stay(1.5, beside)
@@ -178,7 +178,7 @@ def test_a_point_that_isnt_reached_exactly_is_taken_where_the_hand_holds_still()
 
 
 def test_a_point_at_which_the_hand_never_is_still_is_taken_too_but_later() -> None:
-    feeder = begun()
+    feeder = started()
     assert feeder.procedure.target is not None
     begin = feeder.t
     while feeder.procedure.step.kind is Kind.GO:
@@ -209,7 +209,7 @@ def test_no_hand_at_all_is_named() -> None:
 
 
 def test_a_point_is_done_again_next_and_then_it_goes_on_where_it_was() -> None:
-    feeder = begun(("swivel", "shrug"))
+    feeder = started(("swivel", "shrug"))
     for _ in range(5):
         point(feeder)
     assert feeder.procedure.step == Step(Kind.GO, 2, 1)
@@ -234,7 +234,7 @@ def states(feeder: Feeder) -> tuple[str, ...]:
 
 
 def test_a_point_with_two_dofs_is_done_after_the_second() -> None:
-    feeder = begun(("swivel", "shrug"))
+    feeder = started(("swivel", "shrug"))
     point(feeder)
     assert states(feeder)[:2] == ("now", "waiting")
     assert feeder.procedure.redo(4) == ""
@@ -250,7 +250,7 @@ def test_a_point_with_two_dofs_is_done_after_the_second() -> None:
 
 
 def test_each_dof_of_a_weak_point_has_its_reason_until_it_is_done_again() -> None:
-    feeder = begun(("swivel", "shrug"))
+    feeder = started(("swivel", "shrug"))
     point(feeder, 0.01)
     feeder.stay(2.0, feeder.procedure.target)
     assert feeder.procedure.step == Step(Kind.TRIAL, 0, 1)
@@ -268,7 +268,7 @@ def test_each_dof_of_a_weak_point_has_its_reason_until_it_is_done_again() -> Non
 
 
 def test_the_present_point_can_be_done_again() -> None:
-    feeder = begun(("swivel", "shrug"))
+    feeder = started(("swivel", "shrug"))
     point(feeder)
     assert feeder.procedure.step == Step(Kind.GO, 0, 1)
     assert feeder.procedure.redo(1) == ""
@@ -279,14 +279,14 @@ def test_the_present_point_can_be_done_again() -> None:
 
 
 def test_two_points_can_be_left_out_and_no_more() -> None:
-    feeder = begun()
+    feeder = started()
     assert [feeder.procedure.skip() for _ in range(3)] == ["", "", "8 points are needed"]
     assert feeder.procedure.step == Step(Kind.GO, 2, 0)
     assert feeder.procedure.view().states[:3] == ("left out", "left out", "now")
 
 
 def test_what_is_broken_off_or_left_out_is_said_by_the_next_mark() -> None:
-    feeder = begun()
+    feeder = started()
     assert feeder.procedure.step.mark == IDLE
     feeder.stay(2.0, feeder.procedure.target)
     assert feeder.procedure.step == Step(Kind.TRIAL, 0, 0)
@@ -314,7 +314,7 @@ def test_keys_that_come_too_early_are_answered() -> None:
 
 
 def test_only_points_are_done_again_after_an_earlier_exploration() -> None:
-    feeder = begun()
+    feeder = started()
     t = np.arange(320) * 0.01
     explored = 0.5 * SIZE * np.sin(np.outer(t, (5.0, 7.0, 3.0)))
     again = Procedure(("swivel",), FEW, PLAN, explored)
@@ -331,7 +331,7 @@ def test_only_points_are_done_again_after_an_earlier_exploration() -> None:
 
 
 def test_the_task_says_which_way_to_go() -> None:
-    feeder = begun()
+    feeder = started()
     target = feeder.procedure.target
     assert target is not None
     feeder.feed(np.tile(target + np.array([0.05, -0.03, 0.0]), (3, 1)))

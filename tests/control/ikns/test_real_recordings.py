@@ -49,8 +49,8 @@ def test_motion_without_a_still_hand_is_refused_with_the_reason(motion: object) 
         found = refusals(calibrate(motion()))
     except CalibrationError as error:
         found = (error,)
-    said = "\n".join(f"{reason.place}: {reason.problem}. {reason.remedy}" for reason in found)
-    print(f"\n{said}")
+    output = "\n".join(f"{reason.place}: {reason.problem}. {reason.remedy}" for reason in found)
+    print(f"\n{output}")
     assert found
     assert any("kept:" in reason.problem or "no sample" in reason.problem for reason in found)
     assert all(reason.remedy for reason in found)

@@ -12,9 +12,9 @@ from helpers.intention import (
     JOINTS,
     SKELETON,
     TRUNK,
-    begun,
     law_of,
     of_people,
+    onsets,
     own,
     play,
     put,
@@ -59,8 +59,8 @@ def test_outputs_go_together() -> None:
     assert (out["posterior"].sum(axis=1) <= 1.0 + 1e-9).all()
     assert not out["action"][: FRAMES - 1].any()
     assert (out["confidence"][: FRAMES - 1] == 0.0).all()
-    figures = law.figures()
-    assert sum(figures["actions"].values()) == len(begun(out["action"]))  # type: ignore[attr-defined]
+    metrics = law.metrics()
+    assert sum(metrics["actions"].values()) == len(onsets(out["action"]))  # type: ignore[attr-defined]
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_unrelated_motion_of_people_it_never_saw_sets_nothing_off(kind: Script) 
     """The scripts know nothing of the actions. Reaches and a T-pose are related: docs/intention.md."""
     law = law_of(record_of(of_people(PEOPLE)))
     for seed in (1, 2):
-        assert begun(play(law, *unrelated(kind, 60.0, seed))["action"]) == []
+        assert onsets(play(law, *unrelated(kind, 60.0, seed))["action"]) == []
 
 
 @pytest.mark.parametrize("left_out", ["overhead", "squat", "turn-left", "wave"])
@@ -110,9 +110,9 @@ def test_the_loops_rate_doesnt_matter(rate: float) -> None:
     law, plain = law_of(record_of(own(1))), law_of(record_of(own(1)))
     seconds = 30.0
     at = np.floor(np.arange(round(seconds * rate)) / rate / DT + 1e-9).astype(int)
-    fast = begun(play(law, made.rotation[at], made.translation[at], 1.0 / rate)["action"])
+    fast = onsets(play(law, made.rotation[at], made.translation[at], 1.0 / rate)["action"])
     some = round(seconds / DT)
-    slow = begun(play(plain, made.rotation[:some], made.translation[:some])["action"])
+    slow = onsets(play(plain, made.rotation[:some], made.translation[:some])["action"])
     assert len(slow) >= 3
     assert fast == slow
 
@@ -143,7 +143,7 @@ def test_what_holds_ends_with_its_input_and_a_whole_second_must_come_again(value
         put(law, made.rotation[at + k], made.translation[at + k])
         law.update(DT)
     assert law.output["confidence"][0] > 0.0
-    assert law.figures()["gaps"] == 1
+    assert law.metrics()["gaps"] == 1
 
 
 def test_a_reset_forgets_the_window() -> None:
@@ -168,7 +168,7 @@ def test_a_longer_dwell_is_later_and_an_unreachable_confidence_finds_nothing() -
     assert first[1.0] - first[0.5] == 10
     people = law_of(record_of(of_people(PEOPLE)), confidence=1.0)
     sure = play(people, made.rotation, made.translation)
-    assert len(begun(sure["action"])) < 30
+    assert len(onsets(sure["action"])) < 30
 
 
 def test_it_keeps_the_contract_of_controllers() -> None:

@@ -22,14 +22,14 @@ def until(made: IndependentOperation, wanted: Mode, most: float = 60.0) -> float
         if mode(made) is wanted:
             return k * DT
         cycle(made)
-    raise AssertionError(f"never {wanted.name}: {made.figures()}")
+    raise AssertionError(f"never {wanted.name}: {made.metrics()}")
 
 
 def taught(**options: object) -> IndependentOperation:
     made = law(shift=SHIFT, **options)
     assert mode(made) is Mode.NO_TASK
     teach(made)
-    assert mode(made) is Mode.PAUSED, made.figures()["refused"]
+    assert mode(made) is Mode.PAUSED, made.metrics()["refused"]
     return made
 
 
@@ -47,7 +47,7 @@ def test_what_the_hand_has_shown_is_repeated_where_it_was_shifted() -> None:
             targets.append(np.linalg.norm(places - tip, axis=1).min())
     assert len(targets) > 200
     assert max(targets) < 0.02
-    found = made.figures()
+    found = made.metrics()
     assert (found["done"], found["taught"], found["refused"]) == (1, 1, None)
     assert found["error_max_mm"] < 12.0
 
@@ -64,7 +64,7 @@ def test_commands_keep_speed_and_acceleration_from_cycle_to_cycle() -> None:
     v = np.diff(q, axis=0) / DT
     assert np.abs(v).max(axis=0) == pytest.approx(np.minimum(np.abs(v).max(axis=0), SPEED), abs=1e-9)
     assert (np.abs(np.diff(v, axis=0)) <= ACCELERATION * DT + 1e-9).all()
-    assert made.figures()["pauses"] > 1
+    assert made.metrics()["pauses"] > 1
 
 
 def test_press_pauses_and_the_next_resumes_at_the_same_phase() -> None:
@@ -90,11 +90,11 @@ def test_repeats_are_counted_and_a_press_after_the_end_begins_again() -> None:
     made = taught(repeats=2)
     press(made)
     until(made, Mode.DONE)
-    assert made.figures()["done"] == 2
+    assert made.metrics()["done"] == 2
     press(made)
     assert mode(made) in (Mode.GOING, Mode.WAITING)
     until(made, Mode.DONE)
-    assert made.figures()["done"] == 4
+    assert made.metrics()["done"] == 4
 
 
 def test_actions_run_and_pause_it_when_they_begin() -> None:
@@ -171,7 +171,7 @@ def test_demonstration_out_of_reach_is_refused_and_the_earlier_task_stays() -> N
     path = made._replay.path
     made._teaching._shift[:] = 0.0, 0.0, 2.0
     teach(made)
-    assert "doesn't reach" in str(made.figures()["refused"])
+    assert "doesn't reach" in str(made.metrics()["refused"])
     assert mode(made) is Mode.PAUSED
     assert made._replay.path is path
 
@@ -220,8 +220,8 @@ def test_file_gives_the_task(tmp_path) -> None:
     assert mode(made) is Mode.PAUSED
     press(made)
     until(made, Mode.DONE)
-    assert made.figures()["person"] == "P07"
-    assert made.figures()["simulated"] is True
+    assert made.metrics()["person"] == "P07"
+    assert made.metrics()["simulated"] is True
     with pytest.raises(ValueError, match="frame"):
         law(task=KeptFile(file.path, json.dumps(record | {"frame": "Hips"}).encode()), teach=False)
     with pytest.raises(ValueError, match="points"):

@@ -33,7 +33,7 @@ def test_it_rests_first_and_goes_on_only_when_every_joint_has_arrived() -> None:
     assert go(controller, 1, (0.2, 0.02)) == [0.0, 0.0]
     assert go(controller, 50, (0.0, 0.006)) == [0.0, 0.0]  # b isn't there yet
     go(controller, 1, (0.049, -0.004))
-    assert controller.figures() == {"arrivals": 1}
+    assert controller.metrics() == {"arrivals": 1}
     assert go(controller, 3, (0.0, 0.0)) == [-0.5, 0.1]
     go(controller, 10, (-0.5, 0.1))
     assert go(controller, 1, (-0.5, 0.1)) == [0.0, 0.0]  # round and round
@@ -42,7 +42,7 @@ def test_it_rests_first_and_goes_on_only_when_every_joint_has_arrived() -> None:
 def test_a_position_that_is_no_number_is_no_arrival() -> None:
     controller = law()
     assert go(controller, 50, (0.0, np.nan)) == [0.0, 0.0]
-    assert controller.figures() == {"arrivals": 0}
+    assert controller.metrics() == {"arrivals": 0}
 
 
 def test_after_a_reset_it_begins_where_the_limb_is_and_goes_where_it_went() -> None:

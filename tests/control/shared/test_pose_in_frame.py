@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from srl.control.shared.pose_in_frame import PoseInFrame, PoseInFrameConfig
 from srl.runtime.contracts.errors import WiringError
-from srl.runtime.ipc.words import Cause, State
+from srl.runtime.ipc.header import Cause, State
 from srl.runtime.profile import profile, wiring
 from srl.testing import simulate
 

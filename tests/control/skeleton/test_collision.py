@@ -57,7 +57,7 @@ def test_distances_and_nearest_points_are_mujoco_s():
             parallel = name.startswith("RJ") and not crossing  # where axes are parallel points aren't unique
             assert crossing or parallel
     assert made.output["least"][0] == made.output["distance"].min()
-    assert made.figures()["pair"] in labels
+    assert made.metrics()["pair"] in labels
 
 
 def test_the_approach_is_the_rate_at_which_the_gap_closes():

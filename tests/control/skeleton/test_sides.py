@@ -78,9 +78,9 @@ def test_limits_of_a_slide_beyond_the_stroke_are_refused(bound, far, capsys):
     stroke = ["--set", "guard.arm.position_command.clear.stroke=0.3"]
     assert main(["check", "human-srl", *guard]) == 0  # the motor's own bound keeps it nearer
     assert main(["check", "human-srl", *guard, *motor]) == 2
-    said = capsys.readouterr().err
-    assert "guard.arm.position_command" in said
-    assert "the clearance is right up to 0.2" in said
+    output = capsys.readouterr().err
+    assert "guard.arm.position_command" in output
+    assert "the clearance is right up to 0.2" in output
     assert main(["check", "human-srl", *guard, *motor, *stroke]) == 0
 
 

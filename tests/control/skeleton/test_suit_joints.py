@@ -145,7 +145,7 @@ def test_a_hidden_segment_stays_in_its_parent_and_then_the_person_is_lost(wrong)
     for _ in range(2):
         law.update(0.01)
     assert law.lost
-    assert law.figures() == {"losses": 1}
+    assert law.metrics() == {"losses": 1}
     feed(law, source)
     law.update(0.01)
     assert not law.lost

@@ -120,7 +120,7 @@ def test_what_is_not_measured_fades_out_and_comes_back(lost, which):
     np.testing.assert_allclose(rows[0], held, atol=0.02)
     np.testing.assert_allclose(rows[-1], HOME, atol=1e-9)
     assert made.output["active"][0] == 0.0
-    assert made.figures()["losses"] == 1
+    assert made.metrics()["losses"] == 1
     give(made, **{which: kept})
     back = run(made, 2.0)
     np.testing.assert_allclose(back[-1], held, atol=1e-6)
@@ -176,7 +176,7 @@ def test_a_tilt_beyond_belief_is_bounded_and_counted():
     give(made, orientation=tilted_by(1.0, 0.0, 0.0))
     run(made, 0.5)
     assert np.linalg.norm(made.output["tilt"]) == pytest.approx(0.2, abs=0.01)
-    assert made.figures()["beyond_most"] == 0.5
+    assert made.metrics()["beyond_most"] == 0.5
 
 
 @pytest.mark.parametrize("degrees", [25, 60, 90, 140, 180])
@@ -214,7 +214,7 @@ def test_a_tilt_beyond_belief_for_long_counts_as_not_measured():
     run(made, 0.7)
     assert made.output["active"][0] == 0.0
     assert not made.output["tilt"].any()
-    assert made.figures()["losses"] == 1
+    assert made.metrics()["losses"] == 1
     give(made, orientation=tilted_by(0.1, 0.0, 0.0))
     run(made, 1.0)
     assert made.output["active"][0] == 1.0

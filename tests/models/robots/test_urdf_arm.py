@@ -101,7 +101,7 @@ def test_a_point_mass_can_be_simulated_and_is_doubted() -> None:
     point = point.replace('ixx="2e-4" ixy="0" ixz="0" iyy="2e-3" iyz="0" izz="2e-3"', "", 1)
     assert point != HIP
     robot = model(point, tip="tool").robot
-    assert any("l3" in doubt and "osmium" in doubt for doubt in robot.doubts)
+    assert any("l3" in warning and "osmium" in warning for warning in robot.warnings)
     mjcf, root = Mjcf(), Element("mujoco")
     add_chain(mjcf, mjcf.worldbody, robot, "arm", {name: {} for name in robot.labels})
     root.append(mjcf.worldbody)
@@ -118,7 +118,7 @@ def test_limits_are_the_files_and_the_entrys_where_it_has_any() -> None:
     assert robot.dq_max.tolist() == [6.0, 6.0, 2.0, 6.0]
     assert robot.tau_max.tolist() == [18.0, 18.0, 9.0, 6.0]
     assert robot.home.tolist() == [0.0, 0.0, 0.5, 0.0]
-    assert not robot.doubts
+    assert not robot.warnings
 
 
 def test_a_gripper_behind_the_tip_is_carried_as_it_stands() -> None:
@@ -149,7 +149,7 @@ def test_what_can_not_be_is_refused(old: str, new: str, reason: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "doubt"),
+    ("old", "new", "warning"),
     [
         ('xyz="0.25 0 0"', 'xyz="250 0 0"', "joint elbow is 250 m.*millimetres"),
         ('upper="1.5"', 'upper="90"', "joint yaw: its limit upper is 90 rad.*degrees"),
@@ -158,8 +158,8 @@ def test_what_can_not_be_is_refused(old: str, new: str, reason: str) -> None:
         ('value="0.7"', 'value="700"', "link l2 has 700 kg. Are these grams"),
     ],
 )
-def test_what_is_probably_wrong_is_doubted(old: str, new: str, doubt: str) -> None:
-    assert any(re.search(doubt, found) for found in model(HIP.replace(old, new, 1), tip="tool").robot.doubts)
+def test_what_is_probably_wrong_is_doubted(old: str, new: str, warning: str) -> None:
+    assert any(re.search(warning, found) for found in model(HIP.replace(old, new, 1), tip="tool").robot.warnings)
 
 
 def test_prefixes_that_nothing_declares_are_read_past() -> None:
@@ -170,10 +170,10 @@ def test_prefixes_that_nothing_declares_are_read_past() -> None:
 
 
 def test_inertias_in_other_units_are_doubted() -> None:
-    doubts = model(HIP.replace('"5e-3"', '"5e3"'), tip="tool").robot.doubts
-    assert any(re.search("link l2: 0.7 kg with 5e.03 kg m.2 would be", found) for found in doubts)
+    warnings = model(HIP.replace('"5e-3"', '"5e3"'), tip="tool").robot.warnings
+    assert any(re.search("link l2: 0.7 kg with 5e.03 kg m.2 would be", found) for found in warnings)
     text = HIP.replace("2e-4", "2e-9").replace("1e-4", "1e-9")
-    assert any("osmium" in found for found in model(text, tip="tool").robot.doubts)
+    assert any("osmium" in found for found in model(text, tip="tool").robot.warnings)
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringErr
 from srl.runtime.contracts.signals import Signal, Stop
 from srl.runtime.contracts.terms import PLANAR_TWIST
 from srl.runtime.guard import GUARDS
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.requests import RequestKind
-from srl.runtime.ipc.words import State
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
 from srl.sim.devices.base.fake import FakeBase, FakeBaseOptions

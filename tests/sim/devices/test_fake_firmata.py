@@ -65,7 +65,7 @@ def test_servos_get_whole_microseconds_within_their_bounds(angles):
     fake = board(w, delay=0.0)
     command(fake, *angles)
     w.advance(w.time + 25 * MS)
-    pulses = list(fake.figures()["pulses_us"].values())
+    pulses = list(fake.metrics()["pulses_us"].values())
     held = w.servo_targets()
     for i, (angle, pulse) in enumerate(zip(angles, pulses, strict=True)):
         assert isinstance(pulse, int)
@@ -108,7 +108,7 @@ def test_changes_below_the_dead_band_are_ignored():
     held = w.servo_targets()[3]
     command(fake, 0, 0, 0, 0.0048)  # two pulses' widths of 1 us: less than the servo's 0.0068 rad
     w.advance(1000 * MS)
-    assert fake.figures()["pulses_us"]["flexion_3"] == 1541
+    assert fake.metrics()["pulses_us"]["flexion_3"] == 1541
     assert w.servo_targets()[3] == held
     command(fake, 0, 0, 0, 0.02)
     w.advance(1500 * MS)
@@ -131,7 +131,7 @@ def test_servos_are_limp_until_the_first_write_and_after_limp():
     fake.stop(Stop.LIMP)
     w.advance(400 * MS)
     assert np.isnan(w.servo_targets()).all()
-    assert list(fake.figures()["pulses_us"].values()) == [None] * 4
+    assert list(fake.metrics()["pulses_us"].values()) == [None] * 4
     command(fake, *[0.1] * 4)
     w.advance(500 * MS)
     np.testing.assert_allclose(w.servo_targets(), 0.1, atol=2e-3)
@@ -187,7 +187,7 @@ def test_the_board_itself_as_a_twin_uses_it():
     fake = board(w, delay=0.0, frame_rate=50.0)
     fake.attach(3, 1100, 1900)
     w.advance(25 * MS)
-    assert fake.figures()["pulses_us"]["flexion_3"] == 1500
+    assert fake.metrics()["pulses_us"]["flexion_3"] == 1500
     assert w.servo_targets()[3] == pytest.approx(-39 * 2.4e-3, abs=1e-9)
     fake.set_pulse(3, 2300)  # clipped by the bounds of attach
     w.advance(50 * MS)

@@ -107,7 +107,7 @@ def test_the_outlet_sends_what_the_profile_asks_for_in_the_sender_s_units() -> N
 
 
 def test_the_outlet_is_refused_where_others_could_reach_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("srl.runtime.contracts.reach._addresses", lambda: ["192.0.2.7"])
-    monkeypatch.setattr("srl.runtime.contracts.reach.reachable", lambda: ["192.0.2.7"])
+    monkeypatch.setattr("srl.runtime.contracts.exposure._addresses", lambda: ["192.0.2.7"])
+    monkeypatch.setattr("srl.runtime.contracts.exposure.reachable", lambda: ["192.0.2.7"])
     with pytest.raises(HostError, match=r"at 192\.0\.2\.7.*unshare"):
         twin.LslTwin(fake()).open()

@@ -69,12 +69,12 @@ def test_it_follows_within_what_its_stiffness_leaves() -> None:
 
 def test_a_command_far_away_enables_nothing() -> None:
     limb = Limb().open()
-    begun = limb.state("position")
-    limb.run(0.1, begun + np.array([0.0, 0.5]))
+    started = limb.state("position")
+    limb.run(0.1, started + np.array([0.0, 0.5]))
     assert limb.on == [True, False]
     assert re.search(r"^'elbow' \(id 2\) is 0\.\d\d from its first command, too far", limb.fault)
     sent = limb.fake.sent_arrays[limb.name]
-    assert sent[0] == begun[0]
+    assert sent[0] == started[0]
     assert np.isnan(sent[1])
 
 
@@ -168,8 +168,8 @@ def test_one_silent_motor_is_named_and_the_others_hold() -> None:
     limb = Limb().open()
     where = limb.hold()
     limb.drives.unplugged.add(1)
-    told = limb.run(1.0, where, until=lambda: "'elbow' (id 2) doesn't answer" in limb.fault)
-    assert told <= 20 * MS
+    reported = limb.run(1.0, where, until=lambda: "'elbow' (id 2) doesn't answer" in limb.fault)
+    assert reported <= 20 * MS
     limb.run(1.0, where)
     assert limb.on == [True, False]  # its own watchdog has let it go
     assert abs(limb.truth()[0] - where[0]) < 0.05
@@ -237,8 +237,8 @@ def test_an_overheated_motor_is_told_before_it_switches_itself_off() -> None:
     assert "elbow is at 85 degC (stops at 90)" in limb.fake.health.message
     assert not limb.fault
     limb.drives.motors.temperature[1] = 95.0
-    told = limb.run(1.0, where, until=lambda: bool(limb.fault))
-    assert told < 0.35
+    reported = limb.run(1.0, where, until=lambda: bool(limb.fault))
+    assert reported < 0.35
     assert "'elbow' (id 2) is at 9" in limb.fault
     assert all(limb.on)
     limb.drives.motors.temperature[1] = 101.0

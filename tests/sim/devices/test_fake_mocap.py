@@ -44,13 +44,13 @@ def test_fake_and_twin_give_the_same(kit, config):
 
 
 def test_a_simulated_motive_refuses_as_the_driver_does():
-    for wanted, said in (
+    for wanted, output in (
         ({"segments": {"tool": "Dril"}}, "no subject 'Dril'"),
         ({"segments": {"tool": "Drill/Tip"}}, "no segment 'Tip'"),
         ({"segments": {"tool": "Drill"}, "rate": 240}, "100 frames a second"),
     ):
         fake = natnet.motive(wanted).twin.fake
-        with pytest.raises(DeviceError, match=said):
+        with pytest.raises(DeviceError, match=output):
             fake.open()
 
 

@@ -54,7 +54,7 @@ def test_it_shows_the_arm_before_it_moves() -> None:
     np.testing.assert_allclose(loop.state["pose"][:3], [0.306891, 0, 0.590282], atol=1e-5)
     assert np.linalg.norm(loop.state["pose"][3:]) == pytest.approx(1)
     assert loop.fake.health.stamp == loop.world.time
-    assert (loop.fake.figures()["moves"], loop.fault) == (0, "")
+    assert (loop.fake.metrics()["moves"], loop.fault) == (0, "")
 
 
 def test_states_and_commands_are_the_drivers() -> None:
@@ -77,7 +77,7 @@ def test_torques_move_the_arm_and_a_stop_leaves_it_at_rest(robot: str) -> None:
     rest = loop.state["position"].copy()
     loop.run(0.2, write=False)
     np.testing.assert_allclose(loop.state["position"], rest, atol=1e-5)
-    assert (loop.fault, loop.fake.figures()["moves"]) == ("", 1)
+    assert (loop.fault, loop.fake.metrics()["moves"]) == ("", 1)
 
 
 def test_a_jump_in_the_command_is_smoothed_by_the_driver() -> None:
@@ -118,14 +118,14 @@ def test_a_collision_is_a_fault_that_recover_clears() -> None:
     assert loop.fault == "recovering from errors"
     loop.run(0.1, 0.0)
     assert loop.fault == ""
-    assert loop.fake.figures()["moves"] == 2
+    assert loop.fake.metrics()["moves"] == 2
 
 
 def test_cut_off_commands_end_in_a_fault() -> None:
     loop = Loop(deaf=[[0.1, 0.15]])
     loop.run(0.3, 0.0)
     assert loop.fault == "reflex: communication_constraints_violation"
-    assert loop.fake.figures()["lost_commands"] == 20
+    assert loop.fake.metrics()["lost_commands"] == 20
 
 
 def test_a_robot_of_which_nothing_comes_ends_its_motion_as_a_real_one_does() -> None:
@@ -137,7 +137,7 @@ def test_a_robot_of_which_nothing_comes_ends_its_motion_as_a_real_one_does() -> 
     assert loop.fake.sent_arrays["velocity_command"].tolist() == [0.0] * 7
     loop.run(0.01, 0.1)
     assert loop.fault == "reflex: communication_constraints_violation"
-    assert loop.fake.figures()["lost_commands"] == 20
+    assert loop.fake.metrics()["lost_commands"] == 20
 
 
 def test_the_user_stop_is_a_fault_by_itself() -> None:
@@ -179,7 +179,7 @@ def test_time_that_the_loop_missed_costs_no_packets() -> None:
     loop.run(0.05, 0.0)
     loop.world.advance(loop.world.time + 60 * MS)
     loop.run(0.05, 0.0)
-    assert (loop.fault, loop.fake.figures()["lost_commands"]) == ("", 0)
+    assert (loop.fault, loop.fake.metrics()["lost_commands"]) == ("", 0)
 
 
 def test_a_world_without_such_an_arm_is_refused() -> None:

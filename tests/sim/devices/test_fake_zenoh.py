@@ -111,12 +111,12 @@ def test_a_restored_world_goes_on_from_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("signals", "said"),
+    ("signals", "output"),
     [({"position": "hnad"}, "Did you mean 'hand'"), ({"positon": "hand"}, "no signal"), ({"pose": "hand"}, "shape")],
 )
-def test_wrong_sources_are_refused(signals: dict[str, str], said: str) -> None:
+def test_wrong_sources_are_refused(signals: dict[str, str], output: str) -> None:
     config = ZenohConfig(port="tcp://127.0.0.1:7447", signals=SIGNALS)
-    with pytest.raises(WiringError, match=said):
+    with pytest.raises(WiringError, match=output):
         FakeZenoh("remote", config, Moving(), FakeZenohOptions(signals=signals))
 
 

@@ -24,7 +24,7 @@ def hung(silence: float, seconds: float, category: Stop, written: bool | None = 
     if written is None:
         written = seconds <= driver.frames_good_for(category)
     frames = [motor.held if category is Stop.HOLD else motor.damp for motor in driver._motors]
-    begun, torques = limb.truth(), list[Array]()
+    started, torques = limb.truth(), list[Array]()
 
     def rest(s: float) -> None:
         for _ in range(round(s * 1e9 / PERIOD)):
@@ -38,7 +38,7 @@ def hung(silence: float, seconds: float, category: Stop, written: bool | None = 
             limb.drives.take(limb.drives.ids[i], frame, False)
         rest(0.02)
     rest(1.0)
-    moved: Array = np.abs(limb.truth() - begun)
+    moved: Array = np.abs(limb.truth() - started)
     steps: Array = np.abs(np.diff(np.array(torques)[::2], axis=0)).max(axis=0)
     return moved, steps
 

@@ -104,7 +104,7 @@ def test_one_silent_motor_stops_the_limb_and_the_other_holds(begin: Begin) -> No
     lab = begin("hold", "silent: {elbow: [[1.0, 9.0]]}")
     active(lab)
     lab.until("stopped", most=1.0)
-    assert lab.culprit == "arm"
+    assert lab.fault_source == "arm"
     assert lab.time < 1.1
     lab.run(0.3)
     assert lab["world.arm_position"][0] == pytest.approx(0.04, abs=0.03)

@@ -265,11 +265,11 @@ def test_an_idle_joint_gives_way_as_stiffly_as_it_was_told() -> None:
 
 def test_a_load_that_it_was_told_of_no_longer_pulls_its_arm_down() -> None:
     tool = {"part": "box", "at": "arm/flange", "size": [0.05, 0.05, 0.05], "mass": 1.0}
-    told, untold = (Cabinet(parts={"tool": tool}) for _ in range(2))
-    assert told.control.apply(SetLoad(1.0, (0.0, 0.0, 0.0), (0.0,) * 9)) is Status.SUCCESS
-    for cabinet in (told, untold):
+    reported, untold = (Cabinet(parts={"tool": tool}) for _ in range(2))
+    assert reported.control.apply(SetLoad(1.0, (0.0, 0.0, 0.0), (0.0,) * 9)) is Status.SUCCESS
+    for cabinet in (reported, untold):
         cabinet.run(1500)
-    assert abs(told.control.external).max() < 0.05
+    assert abs(reported.control.external).max() < 0.05
     assert abs(untold.control.external).max() > 1.0
 
 

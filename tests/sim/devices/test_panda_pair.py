@@ -63,7 +63,7 @@ class Pair:
     def run(self, cycles: int, wanted: Array | float | None = None, write: bool = True) -> None:
         """So many of the driver's cycles, each with a new state."""
         for _ in range(cycles):
-            until(self._newer(), self._turn, what=lambda: f"a state; {self.twin.figures()}", pause=0.0)
+            until(self._newer(), self._turn, what=lambda: f"a state; {self.twin.metrics()}", pause=0.0)
             if wanted is not None:
                 self.wanted[:] = wanted
             if write:
@@ -78,7 +78,7 @@ class Pair:
         self.driver.read(time.monotonic_ns())
 
     def until(self, condition: Any) -> None:
-        until(condition, lambda: self.run(1), what=lambda: f"{self.driver.health} {self.twin.figures()}", pause=0.0)
+        until(condition, lambda: self.run(1), what=lambda: f"{self.driver.health} {self.twin.metrics()}", pause=0.0)
 
     @property
     def fault(self) -> str:

@@ -138,8 +138,8 @@ def test_the_driver_reads_what_the_fake_gives(pair):
 def test_lost_samples_are_gaps(pair):
     p = pair(dropout=0.3)
     p.run(4.0)
-    assert 80 < p.driver.figures()["gaps"] < 160
-    assert p.driver.figures()["restarts"] == 0
+    assert 80 < p.driver.metrics()["gaps"] < 160
+    assert p.driver.metrics()["restarts"] == 0
     assert p.driver.health.errors == 0
     lag = p.bench.now - p.driver.health.stamp
     assert lag < 100 * MS
@@ -150,7 +150,7 @@ def test_it_begins_anew_after_a_dip_of_its_supply(pair):
     p.run(0.9)  # the index is beyond zero and below half a turn, or it would seem to have gone on
     p.twin.restart()
     p.run(0.5)
-    assert p.driver.figures()["restarts"] == 1
+    assert p.driver.metrics()["restarts"] == 1
     assert p.driver.health.resyncs == 1, "its text at the start"
     assert np.isfinite(p.driver.state_arrays["orientation"]).all()
 
@@ -191,7 +191,7 @@ def test_an_index_that_stands_still_is_an_old_frame():
         cable.write_all(encode(still), 1.0)
         until(lambda k=k: driver.health.frames == k + 1, lambda k=k: driver.read((k + 1) * 10 * MS), pause=0.0)
         stamps.append(driver.health.stamp)
-    assert driver.figures()["stuck"] == 19
+    assert driver.metrics()["stuck"] == 19
     assert len(set(stamps)) == 1
     assert "stands still" in driver.health.message
     assert np.isnan(driver.state_arrays["orientation"]).all(), "frozen for longer than `hold`"

@@ -78,7 +78,7 @@ def test_answers_do_not_depend_on_how_the_bytes_are_cut(monkeypatch):
         twin = golden(monkeypatch)
         answers = b"".join(twin.receive(sent[i : i + size], 0) for i in range(0, len(sent), size))
         assert answers == expected
-        assert twin.figures()["unknown"] == 0
+        assert twin.metrics()["unknown"] == 0
 
 
 @pytest.mark.parametrize(
@@ -187,9 +187,9 @@ def test_both_doors_show_the_same_hand():
         driver.read(bench.now)
         moved = []
         for _ in range(100):
-            sent = twin.figures()["bytes_out"]
+            sent = twin.metrics()["bytes_out"]
             bench.run(0.010)
-            new = (int(str(twin.figures()["bytes_out"])) - int(str(sent))) // 25
+            new = (int(str(twin.metrics()["bytes_out"])) - int(str(sent))) // 25
             read_all(driver, bench, driver.health.frames + new)
             other.world.advance(bench.now)
             other.read(bench.now)

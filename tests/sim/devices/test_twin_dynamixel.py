@@ -188,14 +188,14 @@ def test_answers_wait_for_the_return_delay_one_after_another_and_collide_with_wh
         wire.client.send(protocol2.ping(1))
         wire.bench.run(0.005)
         assert wire.client.rest() == b""
-        assert wire.twin.figures()["collisions"] == 1
+        assert wire.twin.metrics()["collisions"] == 1
 
 
 def test_another_baud_rate_is_not_understood():
     with Wire() as wire:
         wire.write("baud_rate", 3)
         assert wire.ask(protocol2.ping(1)) == []
-        assert wire.twin.figures()["wrong_rate"] == 10
+        assert wire.twin.metrics()["wrong_rate"] == 10
 
 
 def test_a_hardware_error_is_an_alert_in_every_answer_until_the_reboot():
@@ -286,7 +286,7 @@ def test_damaged_packets_never_end_a_twin(protocol):
         twin.receive(chunk, 0)
         twin._answers.clear()
     twin._parser.forget()
-    assert twin.figures()["damaged"] > 10
+    assert twin.metrics()["damaged"] > 10
     twin.absent = set()
     assert twin.seen["ping"] > 10
 
@@ -301,7 +301,7 @@ def test_servos_of_different_baud_rates_each_understand_their_own():
         assert [status.id for status in wire.ask(protocol2.ping(0xFE))] == [2]
         wire.at(termios.B115200)
         assert wire.ask(protocol2.ping(0xFE)) == []
-        assert wire.twin.figures()["wrong_rate"] == len(protocol2.ping(0xFE))
+        assert wire.twin.metrics()["wrong_rate"] == len(protocol2.ping(0xFE))
 
 
 def test_a_baud_rate_counts_from_the_packet_after_its_answer_on():
@@ -340,7 +340,7 @@ def test_slaves_and_timed_profiles_are_refused_and_counted(value):
     with Wire() as wire:
         assert wire.write("drive_mode", value) == protocol2.RANGE
         assert wire.read("drive_mode") == 0
-        assert wire.twin.figures()["refused"] == {"1.drive_mode": 1}
+        assert wire.twin.metrics()["refused"] == {"1.drive_mode": 1}
 
 
 @pytest.mark.parametrize(("kept", "id", "baud"), [(0xFF, 1, 1), (0x01, 2, 1), (0x02, 2, 3)])

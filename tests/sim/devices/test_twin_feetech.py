@@ -82,7 +82,7 @@ def test_read_only_registers_stay_and_are_counted():
     assert value(twin, 1, "present_position") == 2048
     put(twin, 1, "operating_mode", 3)
     assert value(twin, 1, "operating_mode") == 0
-    assert twin.figures()["refused"] == {"1.present_position": 1, "1.operating_mode": 1}
+    assert twin.metrics()["refused"] == {"1.present_position": 1, "1.operating_mode": 1}
 
 
 def test_the_status_level_silences_writes_only():

@@ -49,7 +49,7 @@ def make(**options: Any) -> FirmataTwin:
 
 
 def pulses(twin: FirmataTwin) -> dict[str, Any]:
-    found = twin.figures()["pulses_us"]
+    found = twin.metrics()["pulses_us"]
     assert isinstance(found, dict)
     return found
 
@@ -206,7 +206,7 @@ def test_analog_reports_come_once_per_sampling_interval():
 def test_the_sysex_limit_is_counted():
     twin = board()
     twin.receive(b"\xf0" + b"\x79" * 65 + b"\xf7", 0)
-    assert twin.figures()["too_long"] == 1
+    assert twin.metrics()["too_long"] == 1
 
 
 # -- our own driver
@@ -314,9 +314,9 @@ def test_figures_and_log_tell_when_servos_were_commanded():
         at = bench.now
         bench.run(0.010)
         client.send(b"\xe9\x5a\x00\xff")
-        figures, log = twin.figures(), twin.log()
-        assert figures["last_command_ns"] == at + 10_000_000
-        assert figures["messages"] == {"sysex": 1, "analog_write": 2, "reset": 1}
+        metrics, log = twin.metrics(), twin.log()
+        assert metrics["last_command_ns"] == at + 10_000_000
+        assert metrics["messages"] == {"sysex": 1, "analog_write": 2, "reset": 1}
         assert bytes(log["rx"]) == ATTACH + b"\xe9\x5a\x00\xff"
         np.testing.assert_array_equal(log["rx_ns"][[0, -1]], [at, bench.now])
         np.testing.assert_array_equal(log["pulse_us"], [1500, 544, 1472, np.nan])

@@ -100,7 +100,7 @@ def test_answers_and_pulses_are_the_real_firmware_s(tmp_path):
     wires = Wires()
     twin = StandardFirmata(wires)
     pulses = 0
-    told, heard = Decoder(), Decoder()
+    reported, heard = Decoder(), Decoder()
     ours: dict[int, int] = {}
     theirs: dict[int, int] = {}
     with Board(tmp_path) as real:
@@ -118,7 +118,7 @@ def test_answers_and_pulses_are_the_real_firmware_s(tmp_path):
                     expected += os.read(fd, 4096)
                 except BlockingIOError:
                     break
-            answered = [m for byte in sent for m in told.feed(twin.receive(bytes((byte,))) + twin.loop(0))]
+            answered = [m for byte in sent for m in reported.feed(twin.receive(bytes((byte,))) + twin.loop(0))]
             assert split(answered, ours) == split(heard.feed(expected), theirs), f"{number}: {sent.hex(' ')}"
             assert ours == theirs, f"{number}: {sent.hex(' ')}"
             for pin, width in wires.pulses.items():
@@ -127,5 +127,5 @@ def test_answers_and_pulses_are_the_real_firmware_s(tmp_path):
                 pulses += 1
         os.close(fd)
     assert pulses > SCRIPTS
-    assert told.frames > 3 * SCRIPTS
-    assert (told.errors, told.resyncs) == (heard.errors, heard.resyncs)
+    assert reported.frames > 3 * SCRIPTS
+    assert (reported.errors, reported.resyncs) == (heard.errors, heard.resyncs)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from helpers.peer import Peer, cycles
 from helpers.shared import shared
-from helpers.twin import PATIENCE, Bench, bound
+from helpers.twin import TIMEOUT, Bench, bound
 from helpers.wait import until
 
 from srl.drivers.noitom import Noitom, driver
@@ -49,7 +49,7 @@ class Listener:
     def __init__(self, bench: Bench) -> None:
         host, port = bench.twin.address.removeprefix("tcp://").split(":")
         self.link = socket.create_connection((host, int(port)))
-        self.link.settimeout(PATIENCE)
+        self.link.settimeout(TIMEOUT)
         self.heard = b""
         bench.twin.service(bench.now)
 
@@ -67,7 +67,7 @@ class Listener:
             self.heard += self.link.recv(65536)
         except TimeoutError:
             pass
-        self.link.settimeout(PATIENCE)
+        self.link.settimeout(TIMEOUT)
         return not self.heard
 
 
@@ -141,7 +141,7 @@ def test_every_client_gets_every_frame_from_when_it_came() -> None:
         two.link.close()
         bench.run(0.02)
         one.hear(2 * 1480)
-        assert bench.twin.figures() | {"connects": 2, "frames": 5, "bytes_lost": 0} == bench.twin.figures()
+        assert bench.twin.metrics() | {"connects": 2, "frames": 5, "bytes_lost": 0} == bench.twin.metrics()
 
 
 def test_avatars_take_turns() -> None:
@@ -157,7 +157,7 @@ def test_avatars_take_turns() -> None:
 def test_a_lost_frame_leaves_a_gap_in_the_numbers() -> None:
     with listening(made(options={"dropout": 0.3})) as (bench, listener):
         bench.run(1.0)
-        sent = bench.twin.figures()["frames"]
+        sent = bench.twin.metrics()["frames"]
         assert isinstance(sent, int)
         numbers = [struct.unpack_from("<I", listener.hear(1480), 46)[0] for _ in range(sent)]
         assert 50 < sent < 90
@@ -169,7 +169,7 @@ def test_a_client_that_doesnt_read_delays_nobody() -> None:
     with listening(made({"script": "t-pose"}, options={"others": 7})) as (bench, _lazy):
         eager = Listener(bench)
         numbers = []
-        while not bench.twin.figures()["bytes_lost"]:
+        while not bench.twin.metrics()["bytes_lost"]:
             bench.run(0.2)
             numbers += [struct.unpack_from("<I", eager.hear(8 * 1480), 46)[0] for _ in range(20)]
             assert len(numbers) < 5000
@@ -179,7 +179,7 @@ def test_a_client_that_doesnt_read_delays_nobody() -> None:
 def test_datagrams_go_to_the_profiles_port() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
         here.bind(("127.0.0.1", 0))
-        here.settimeout(PATIENCE)
+        here.settimeout(TIMEOUT)
         port = here.getsockname()[1]
         with Bench(made(config={"port": f"udp://:{port}"})) as bench:
             assert bench.twin.address == f"udp://127.0.0.1:{port}"
@@ -228,7 +228,7 @@ def test_the_driver_reads_what_the_fake_reads(options: dict[str, Any], form: str
             for name, values in device.state_arrays.items():
                 np.testing.assert_allclose(values, twin.fake.state_arrays[name], atol=1e-9)
         assert device.health.errors == device.health.resyncs == 0
-        assert device.figures()["gaps"] == 0
+        assert device.metrics()["gaps"] == 0
         assert bench.now - device.health.stamp < 11 * MS
         device.close()
 
@@ -302,7 +302,7 @@ def test_software_that_hangs_for_three_seconds_gives_no_old_pose_for_a_fresh_one
 
         until(lambda: ages and ages[-1] <= 100 * MS, lambda: cycles(device, 0.1, 100, look), what="fresh samples")
         cycles(device, 0.5, 100, look)
-        now, hips = time.monotonic_ns(), np.array(peer.figures()["truth"]["person_position"][0])
+        now, hips = time.monotonic_ns(), np.array(peer.metrics()["truth"]["person_position"][0])
         # It walks 1 m/s; during the pause it went on by 2 m. What counts as fresh must fit where the person was.
         for at, place in fresh:
             assert np.linalg.norm(hips - place) < 1.1 * (now - at) * 1e-9 + 0.4
@@ -337,5 +337,5 @@ def test_recorded_motion_comes_out_at_the_other_end(name: str) -> None:
             off.append(np.degrees(2 * np.arccos(np.clip(dots, 0, 1))))
         assert len(off) > 100
         assert np.sqrt((np.array(off) ** 2).mean()) < within
-        assert device.figures()["gaps"] == 0
+        assert device.metrics()["gaps"] == 0
         device.close()

@@ -29,7 +29,7 @@ from srl.runtime.contracts.errors import HostError
 from srl.runtime.models.robots import PANDA
 from srl.sim.devices.panda.twin import PandaTwin
 
-PATIENCE = 10.0  # s of real time for loopback to deliver
+TIMEOUT = 10.0  # s of real time for loopback to deliver
 
 
 class Bare:
@@ -182,7 +182,7 @@ def test_one_client_at_a_time(client: Bare) -> None:
     host, port = client.twin.address.removeprefix("tcp://").split(":")
     second = socket.create_connection((host, int(port)))
     client.turn(5)
-    second.settimeout(PATIENCE)
+    second.settimeout(TIMEOUT)
     assert second.recv(1) == b""
     assert client.ask(StopMove()).status is Status.SUCCESS
 
@@ -321,8 +321,8 @@ def test_old_and_foreign_datagrams_move_nothing(client: Bare) -> None:
     until(lambda: client.twin.late + client.twin.wrong >= 2, lambda: client.twin.service(client.now))
     client.run(5)
     assert not client.state["tau_J_d"].any()
-    figures = client.twin.figures()
-    assert (figures["late_setpoints"], figures["wrong_datagrams"]) == (1, 1)
+    metrics = client.twin.metrics()
+    assert (metrics["late_setpoints"], metrics["wrong_datagrams"]) == (1, 1)
 
 
 def test_a_robot_whose_program_hangs_says_nothing_and_stops_the_motion(client: Bare) -> None:

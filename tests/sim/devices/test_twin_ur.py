@@ -163,7 +163,7 @@ def test_garbage_ends_the_connection_and_no_other(bench, ports, garbage):
     with pytest.raises(ConnectionError):
         bad.heard(lambda found: False)
     assert exchange(good, rtde.ask_controller())[2:3] == b"v"
-    assert bench.twin.figures()["dropped"] == 1
+    assert bench.twin.metrics()["dropped"] == 1
 
 
 def test_the_dashboard_answers_line_by_line(bench, ports):
@@ -222,8 +222,8 @@ def test_a_program_of_somebody_elses_moves_the_arm(bench, ports):
     assert speed(bench.twin.arm) > 0.1
     bench.run(1.0)
     assert bench.twin.controller.arm.position[0] == pytest.approx(start[0] + 0.2, abs=1e-3)
-    figures = bench.twin.figures()
-    assert (figures["programs"], figures["texts"], figures["errors"]) == (["nod"], ["nodded 1"], [])
+    metrics = bench.twin.metrics()
+    assert (metrics["programs"], metrics["texts"], metrics["errors"]) == (["nod"], ["nodded 1"], [])
 
 
 def test_a_program_that_ends_in_motion_leaves_the_arm_at_rest(bench, ports):

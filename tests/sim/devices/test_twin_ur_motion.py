@@ -34,12 +34,12 @@ def run(bench, body, seconds=5.0):
     """Runs a program until it ends; what it said."""
     twin = bench.twin
     twin._load("def test():\n" + body + "\nend\n")
-    said = len(twin.texts)
+    output = len(twin.texts)
     for _ in range(round(seconds / 0.05)):
         bench.run(0.05)
         if twin.controller.program is None:
-            return twin.texts[said:]
-    raise AssertionError(f"it still runs; {twin.figures()}")
+            return twin.texts[output:]
+    raise AssertionError(f"it still runs; {twin.metrics()}")
 
 
 def pose_of(bench):
@@ -206,15 +206,15 @@ def test_force_mode_presses_with_its_force_and_keeps_the_other_directions():
 
 def test_a_contact_is_noticed_and_ends_the_motion():
     with Bench(UrTwin(make_fake(parts=TABLE))) as bench:
-        said = run(
+        output = run(
             bench,
             PAYLOAD + "  while tool_contact([0, 0, -1]) == 0:\n    speedl([0, 0, -0.05, 0, 0, 0], 1, 0.002)\n  end\n"
             "  n = tool_contact([0, 0, -1])\n  q = get_actual_joint_positions_history(n)\n  stopl(5)\n  textmsg(n)\n"
             "  movel(q)\n  textmsg(2)",
             8.0,
         )
-        assert int(said[0]) >= 1
-        assert said[1] == "2"
+        assert int(output[0]) >= 1
+        assert output[1] == "2"
         assert np.linalg.norm(bench.twin.controller.wrench[:3]) < 10.0
 
 
@@ -251,7 +251,7 @@ def test_what_the_twin_doesnt_do_ends_the_program_and_is_counted_for_good(bench,
         run(bench, f"  {call}\n  textmsg(1)")
         assert "refused by this twin" in bench.twin.errors[-1]
     run(bench, '  textmsg("another")')
-    assert bench.twin.figures()["refused"] == {name: 2}
+    assert bench.twin.metrics()["refused"] == {name: 2}
     assert bench.twin.texts == ["another"]
 
 

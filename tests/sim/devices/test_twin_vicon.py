@@ -19,7 +19,7 @@ from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.sim.devices.vicon import twin_blocks as encode
 
 MS = 1_000_000
-PATIENCE = 10.0
+TIMEOUT = 10.0
 
 
 class Client:
@@ -229,7 +229,7 @@ def test_the_driver_reads_what_a_client_of_the_fake_reads(mode, y_up):
                 assert device.health.stamp == pytest.approx(fake.health.stamp, abs=MS)
         assert number > 100
         assert device.health.errors == 0
-        assert device.figures()["missed_frames"] <= 1
+        assert device.metrics()["missed_frames"] <= 1
         device.close()
 
 
@@ -284,7 +284,7 @@ def test_frame_numbers_that_wrap():
             bench.run(0.01)
             device.read(bench.now)
             assert device.health.stamp == pytest.approx(bench.now, abs=11 * MS)
-        assert device.figures()["missed_frames"] == 0
+        assert device.metrics()["missed_frames"] == 0
 
 
 def test_a_pulled_cable_is_a_loss_and_the_server_is_found_again(bench):
@@ -385,4 +385,4 @@ def test_figures_and_log(bench, client):
     log = bench.twin.log()
     np.testing.assert_array_equal(log["frame"], [1, 2, 3, 4, 5])
     np.testing.assert_array_equal(log["taken_ns"], np.arange(1, 6) * 10 * MS)
-    assert bench.twin.figures()["frames"] == 5
+    assert bench.twin.metrics()["frames"] == 5

@@ -97,7 +97,7 @@ def test_the_driver_sets_it_up_once_and_reads_what_the_fake_gives(pair: Any) -> 
     p.fake.read(p.bench.now)
     for name, value in p.driver.state_arrays.items():
         np.testing.assert_array_equal(value, p.fake.state_arrays[name])
-    assert p.driver.figures()["id"] == "0080005A"
+    assert p.driver.metrics()["id"] == "0080005A"
     assert (p.driver.health.errors, p.driver.health.resyncs) == (0, 0)
     assert p.bench.now - p.driver.health.stamp <= 20 * MS
     p.open()  # what it keeps is right now: it is read, and not written
@@ -126,11 +126,11 @@ def test_lost_messages_are_gaps_and_a_restart_is_one(pair: Any) -> None:
     p = pair(dropout=0.3)
     p.open()
     p.run(2.0)
-    assert 30 < p.driver.figures()["gaps"] < 90
-    assert p.driver.figures()["restarts"] == 0
+    assert 30 < p.driver.metrics()["gaps"] < 90
+    assert p.driver.metrics()["restarts"] == 0
     p.twin.restart()
     p.run(0.5)
-    assert p.driver.figures()["restarts"] >= 1
+    assert p.driver.metrics()["restarts"] >= 1
     assert np.isfinite(p.driver.state_arrays["orientation"]).all()
     assert p.bench.now - p.driver.health.stamp < 100 * MS
 

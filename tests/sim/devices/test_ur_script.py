@@ -16,15 +16,15 @@ class Host:
     """Functions that a program may call, and what it said."""
 
     def __init__(self):
-        self.said = []
+        self.output = []
         self.reads = {}
 
     def script(self, text):
         def wait(*given, **named):
-            self.said.append(("wait", *given, *named.items()))
+            self.output.append(("wait", *given, *named.items()))
             yield
 
-        functions = {"say": lambda *given: self.said.append(given), "read": lambda k: self.reads.get(k, 0)}
+        functions = {"say": lambda *given: self.output.append(given), "read": lambda k: self.reads.get(k, 0)}
         return Script(text, functions, {"wait": wait})
 
     def run(self, text, cycles=100):
@@ -48,7 +48,7 @@ def test_expressions(expression, value):
     host = Host()
     host.reads[3] = 5
     host.run(f"def f():\n say({expression})\nend\n")
-    assert host.said == [(value,)]
+    assert host.output == [(value,)]
 
 
 def test_the_flow_of_a_program():
@@ -74,7 +74,7 @@ end
 """
     )
     assert cycles == 3
-    assert host.said == [
+    assert host.output == [
         (1,), ("wait", 1, ("t", 0.5)), (3,), ("wait", 3, ("t", 0.5)), (4,), ("wait", 4, ("t", 0.5)), ("end",),
     ]  # fmt: skip
 
@@ -98,13 +98,13 @@ def test_functions_have_names_of_their_own_and_share_globals():
 end
 """
     )
-    assert host.said == [("wait", 6), (6, 10)]
+    assert host.output == [("wait", 6), (6, 10)]
 
 
 def test_a_single_line_is_a_program():
     host = Host()
     assert host.run("say(3)\n") == 0
-    assert host.said == [(3,)]
+    assert host.output == [(3,)]
     assert name_of("say(3)\n") == ""
     assert name_of("  def servo_control():\n") == "servo_control"
 

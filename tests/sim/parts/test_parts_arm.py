@@ -79,8 +79,8 @@ def test_an_untold_load_sags_and_a_told_one_does_not() -> None:
         "mass": 2.0,
     }
     moved, felt, holding = [], [], []
-    for told in ({}, {"told_payload": {"mass": 2.0, "com": (0, 0, 0.05)}}):
-        world = cell(arm={"part": "panda", **told}, load=load)
+    for reported in ({}, {"told_payload": {"mass": 2.0, "com": (0, 0, 0.05)}}):
+        world = cell(arm={"part": "panda", **reported}, load=load)
         part = arm(world)
         holding.append(part.gravity())
         felt.append(part.external_effort)

@@ -69,13 +69,13 @@ def test_a_run_draws_it_and_keeps_its_file(tmp_path: Path) -> None:
     (drawn,) = made.layout.meta["robots"]
     assert [link["name"] for link in drawn["links"]] == ["base_link", "l1", "l2", "l3", "l4", "tool"]
     assert made.source.files.kept == {"arm.urdf": HIP.encode()}
-    assert not made.doubts
+    assert not made.warnings
     assert any("1.8 kg move" in text for text in made.remarks)
 
 
 def test_a_guard_beyond_the_urdf_is_doubted(tmp_path: Path) -> None:
     wide = "guard.arm.position_command.upper=1.6"
-    (doubt,) = graph(tmp_path, LIMB, HIP, wide).doubts
+    (doubt,) = graph(tmp_path, LIMB, HIP, wide).warnings
     assert "beyond hip_arm's: yaw 1.5, and this is 1.6" in doubt
 
 

@@ -54,7 +54,7 @@ def test_a_flipped_sign_is_named_where_a_joint_is_shifted():
     assert set(fitted.shifts) == {"index_pip_flexion", "thumb_tm_abduction"}
     assert "index_pip_flexion" in fitted.mirrored
     assert any(
-        line.startswith("index_pip_flexion would fit without a shift if it were negated") for line in fitted.told()
+        line.startswith("index_pip_flexion would fit without a shift if it were negated") for line in fitted.reported()
     )
     wide = fit(motion(index_pip_flexion=(120, 10)))
     assert wide.shifts
@@ -65,7 +65,7 @@ def test_a_hand_that_all_but_stands_still_is_doubted():
     assert fit(np.deg2rad(motion(index_pip_flexion=(50, 40)))).still
     slight = fit(motion(index_pip_flexion=(20, 2.0)))
     assert slight.doubtful
-    assert any("radian" in line for line in slight.told())
+    assert any("radian" in line for line in slight.reported())
     assert not fit(motion(index_pip_flexion=(20, 2.6))).still
 
 
@@ -90,7 +90,7 @@ def test_what_clipping_costs_little_is_clipped_and_told():
     np.testing.assert_array_equal(fitted.position, np.clip(q, LOWER, UPPER))
     assert fitted.doubtful
     assert fitted.lost.share == pytest.approx((q[:, PIP] < np.deg2rad(-2)).mean())
-    assert "index_pip_flexion loses" in fitted.told()[0]
+    assert "index_pip_flexion loses" in fitted.reported()[0]
 
 
 def test_a_few_outliers_move_no_joint_and_raise_no_doubt():
@@ -154,8 +154,8 @@ def test_the_wearers_own_ranges_hold_for_the_recording_the_world_and_the_law(tmp
     recorded = f"sim.parts.hand.wearer.recording={path}"
     narrow = wiring.build(*profile.load("sixth-finger", [recorded]), [])
     graph = wiring.build(*profile.load("sixth-finger", [recorded, wide]), [])
-    assert any("thumb_tm_abduction is shifted by -23" in doubt for doubt in narrow.doubts)
-    assert graph.doubts == []
+    assert any("thumb_tm_abduction is shifted by -23" in doubt for doubt in narrow.warnings)
+    assert graph.warnings == []
     assert any("loses" in remark or "no joint loses" in remark for remark in graph.remarks)
     assert any("not measured" in remark and "index_pip_flexion" in remark for remark in graph.remarks)
     joint = graph.world.model.joint("hand/thumb_tm_abduction")
@@ -168,7 +168,7 @@ def test_the_wearers_own_ranges_hold_for_the_recording_the_world_and_the_law(tmp
         law.input["angles"][3] = np.deg2rad(53)  # the sensor of the thumb's abduction
         law.update(0.01)
         assert law.output["angles"][THUMB] == pytest.approx(np.deg2rad(reached))
-        assert law.figures()["beyond_range"] == (1.0 if reached == 30 else 0.0)
+        assert law.metrics()["beyond_range"] == (1.0 if reached == 30 else 0.0)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from helpers.operated import OperatedLoop
 from helpers.operator_seen import Seen
 from helpers.wait import until
 
-from srl.runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
+from srl.runtime.ipc.header import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 from srl.runtime.web.operator.client import OperatorPage
 
 

@@ -152,16 +152,16 @@ def test_what_nobody_does_needs_no_page(more: list[str], tmp_path: Path, capsys:
 
 
 @pytest.mark.parametrize(
-    "said", [b"{}\n", b'{"typed": "a\\u0007", "step": 1}\n', b'{"typed": "", "step": true}\n', b"x" * 5000, b"[1]\n"]
+    "output", [b"{}\n", b'{"typed": "a\\u0007", "step": 1}\n', b'{"typed": "", "step": true}\n', b"x" * 5000, b"[1]\n"]
 )
-def test_what_no_panel_says_ends_its_line_and_nothing_else(tmp_path: Path, said: bytes) -> None:
+def test_what_no_panel_says_ends_its_line_and_nothing_else(tmp_path: Path, output: bytes) -> None:
     folder = RunFolder(tmp_path)
     end, good = GuideEnd(folder), GuideReader(folder)
     end.tell({"kind": GUIDE, "asks": False, "task": "Hold still"})
     good.look()
     with socket.socket(socket.AF_UNIX) as bad:
         bad.connect(str(folder.guide_socket))
-        bad.sendall(said)
+        bad.sendall(output)
         assert end.heard() == []
         assert good.type("r 3", 7)
         assert end.heard() == [("r 3", 7)]

@@ -9,8 +9,7 @@ import pytest
 from helpers.body_run import body_layout
 from helpers.operated import JOINTS, OperatedLoop
 
-from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.ipc.words import (
+from srl.runtime.ipc.header import (
     CYCLE,
     DEVICE,
     LINK_ACTIVE,
@@ -22,6 +21,7 @@ from srl.runtime.ipc.words import (
     Latch,
     State,
 )
+from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.web.operator import health, jogging
 from srl.runtime.web.operator.parameters import Parameters
 
@@ -40,35 +40,35 @@ def row(layout: Layout, **words: int) -> Words:
 
 @pytest.mark.parametrize("state", list(State))
 def test_each_state_has_words(layout: Layout, state: State) -> None:
-    said = health.state(layout, row(layout, state=state))
-    assert said["now"] == state.name.lower()
-    assert said["means"].endswith(".")
+    output = health.state(layout, row(layout, state=state))
+    assert output["now"] == state.name.lower()
+    assert output["means"].endswith(".")
 
 
 @pytest.mark.parametrize("cause", [cause for cause in Cause if cause])
 def test_each_cause_has_a_reason_and_a_remedy(layout: Layout, cause: Cause) -> None:
     layout.meta |= {"emergency": ["panel.buttons[red]"]}
-    said = health.state(layout, row(layout, state=State.STOPPED, cause=cause, culprit=0))
-    assert said["why"]
-    assert said["todo"].endswith(".")
-    assert "{" not in said["todo"]
+    output = health.state(layout, row(layout, state=State.STOPPED, cause=cause, fault_source=0))
+    assert output["why"]
+    assert output["todo"].endswith(".")
+    assert "{" not in output["todo"]
 
 
 def test_a_culprit_that_the_layout_lacks_is_left_out(layout: Layout) -> None:
-    said = health.state(layout, row(layout, state=State.STOPPED, cause=Cause.DEVICE_LOSS, culprit=99))
-    assert "power of it" in said["todo"]
+    output = health.state(layout, row(layout, state=State.STOPPED, cause=Cause.DEVICE_LOSS, fault_source=99))
+    assert "power of it" in output["todo"]
 
 
 def test_each_latch_has_words(layout: Layout) -> None:
     every = sum(Latch)
-    said = health.state(layout, row(layout, state=State.STOPPED, cause=Cause.REQUEST, latches=every))
-    assert said["stands"].count(";") == len(Latch) - 1
+    output = health.state(layout, row(layout, state=State.STOPPED, cause=Cause.REQUEST, latches=every))
+    assert output["stands"].count(";") == len(Latch) - 1
 
 
 def test_a_run_that_waits_says_what_to_do(layout: Layout) -> None:
-    said = health.state(layout, row(layout, state=State.READY, latches=Latch.START))
-    assert "start" in said["todo"]
-    assert not said["why"]
+    output = health.state(layout, row(layout, state=State.READY, latches=Latch.START))
+    assert "start" in output["todo"]
+    assert not output["why"]
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_joints_and_parameters_are_told_with_their_bounds(layout: Layout) -> Non
     assert jogging.places(layout, made) == [None, None]
     assert Parameters.values(layout, made) == [None]
     layout.meta["parameters"][0]["upper"] = float("inf")
-    assert Parameters.told(layout)[0]["upper"] is None
+    assert Parameters.reported(layout)[0]["upper"] is None
 
 
 def test_a_guided_calibration_of_servos_is_a_jog_too(layout: Layout) -> None:

@@ -12,7 +12,7 @@ from helpers.operator_seen import Seen
 from helpers.wait import until
 
 from srl.runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd
-from srl.runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
+from srl.runtime.ipc.header import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import pytest
 from helpers.operator_seen import Seen
 from helpers.wait import until
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +27,7 @@ def test_a_joint_moves_while_a_key_is_held(seen: Seen) -> None:
     assert not seen.loop.presses  # without control
     jog(seen)
 
-    def told() -> bool:
+    def reported() -> bool:
         """Whether the loop is told that the key was let go; a page that was too slow had ended the press before."""
         seen.key("rawKeyDown", **RIGHT)
         seen.held()
@@ -35,7 +35,7 @@ def test_a_joint_moves_while_a_key_is_held(seen: Seen) -> None:
         seen.let_go()
         return seen.loop.presses[-1][1]["way"] == 0
 
-    until(told)
+    until(reported)
     assert {p["joint"] for _, p in seen.loop.presses} == {0}
     seen.page.key("2", "Digit2", 50)
     seen.key("rawKeyDown", **RIGHT)

@@ -19,8 +19,8 @@ from helpers.recording import make_layout, make_rows
 from helpers.wait import until
 
 from srl.runtime.ipc.control_socket import LIFETIME
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.presses import FRESH
-from srl.runtime.ipc.words import State
 from srl.runtime.recorder.stream import Stream
 from srl.runtime.web.operator.client import OperatorPage
 from srl.runtime.web.operator.server import FLOOD, OperatorServer
@@ -45,12 +45,12 @@ NONSENSE = [
 
 @pytest.mark.parametrize("nonsense", NONSENSE)
 def test_nonsense_ends_the_connection_and_reaches_nobody(loop: OperatedLoop, page: OperatorPage, nonsense: str) -> None:
-    async def said(tab: Socket) -> int | None:
+    async def output(tab: Socket) -> int | None:
         await take(tab)
         await tab.send_str(nonsense)
         return await closed(tab)
 
-    assert talk(page, said) == 1008
+    assert talk(page, output) == 1008
     assert not loop.asked
     assert not loop.presses
 
@@ -216,17 +216,17 @@ def test_a_page_cannot_see_the_future(loop: OperatedLoop, page: OperatorPage) ->
 def test_a_press_lives_from_the_picture_that_it_answers(loop: OperatedLoop, page: OperatorPage) -> None:
     async def press(tab: Socket) -> float:
         await take(tab)
-        told = 0.0
+        reported = 0.0
         while not loop.presses:  # on a busy machine a press may be too late
-            told = (await heard(tab, "frame"))["told"]
-            await tab.send_json({"kind": "jog", "joint": 1, "way": -1, "heard": told})
+            reported = (await heard(tab, "frame"))["told"]
+            await tab.send_json({"kind": "jog", "joint": 1, "way": -1, "heard": reported})
             await ponged(tab)
-        return told
+        return reported
 
-    told = talk(page, press)
+    reported = talk(page, press)
     _, newest = loop.presses[-1]
     assert (newest["joint"], newest["way"]) == (1, -1)
-    assert newest["expires"] <= round((told / 1e3 + FRESH) * 1e9)
+    assert newest["expires"] <= round((reported / 1e3 + FRESH) * 1e9)
 
 
 def test_a_press_that_waited_somewhere_is_dropped(loop: OperatedLoop, page: OperatorPage) -> None:
@@ -304,7 +304,7 @@ def test_a_parameter_is_set_over_the_bus_and_read_back_from_the_loop(instance: I
     with OperatorPage(instance.run_folder) as page:
         words = talk(page, change)
     assert words[0] == "object-mapping.pull: 2.5"
-    assert all("out of bounds (0 to 5)" in said for said in words[1:])
+    assert all("out of bounds (0 to 5)" in output for output in words[1:])
 
 
 @pytest.mark.slow

@@ -25,8 +25,8 @@ from helpers.viewed import ViewedLoop, ViewerProcess
 from helpers.wait import until
 
 from srl.runtime.ipc import control_socket
+from srl.runtime.ipc.header import State
 from srl.runtime.ipc.run_folder import RunFolder
-from srl.runtime.ipc.words import State
 from srl.runtime.web.operator.client import OperatorPage
 from srl.runtime.web.panel.client import PageProcess
 from srl.runtime.web.panel.screen import Screen
@@ -99,8 +99,8 @@ class Flood:
 
     def _listen(self) -> None:
         assert self.process.stdout is not None
-        with self.process.stdout as said:
-            for line in said:
+        with self.process.stdout as output:
+            for line in output:
                 if line.endswith("\n"):  # the last one may be cut
                     self.held, self.ended = map(int, line.split())
 
@@ -201,8 +201,8 @@ def test_the_open_connection_stops_while_no_other_can_be_had(served: Served) -> 
     async def page(tab: Socket) -> None:
         with served.flooded("idle"):
             await tab.send_json({"kind": "stop", "at": 7})
-            said = await asyncio.wait_for(heard(tab, "stopped", 7), 20)
-            assert (said["ok"], served.loop.stops, served.loop.state) == (True, 1, State.STOPPED)
+            output = await asyncio.wait_for(heard(tab, "stopped", 7), 20)
+            assert (output["ok"], served.loop.stops, served.loop.state) == (True, 1, State.STOPPED)
 
     talk(served.process, page, kept=served.kept)
 
@@ -222,9 +222,9 @@ def test_a_new_connection_stops_during_a_flood_and_it_is_told(served: Served, mo
 
 
 def test_a_connection_that_shows_no_key_is_ended(served: Served) -> None:
-    for said in (b"", b"GET / HTTP/1.1\r\nHost: x\r\n"):
+    for output in (b"", b"GET / HTTP/1.1\r\nHost: x\r\n"):
         with socket.create_connection(("127.0.0.1", served.port), timeout=15) as idle:
-            idle.sendall(said)
+            idle.sendall(output)
             while idle.recv(4096):
                 pass
     assert served.stop(20)

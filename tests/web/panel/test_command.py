@@ -18,7 +18,7 @@ from helpers.run import Running, alive, ended, environment, refused, srl
 from helpers.wait import until
 
 from srl.runtime.cli.panel import SECONDS, TRIALS, demo_curve
-from srl.runtime.ipc.words import Cause, Latch, State
+from srl.runtime.ipc.header import Cause, Latch, State
 from srl.runtime.web.panel.trial import Trial
 
 SIGNAL = "glove.position[index_mpj]"

@@ -19,7 +19,7 @@ from helpers.panel import SIGNAL, MadeUpLoop
 from helpers.wait import until
 
 from srl.runtime.contracts.errors import HostError
-from srl.runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.ipc.header import LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.web.panel.screen import Screen
 from srl.runtime.web.panel.trial import ScreenTrial, Trial
 

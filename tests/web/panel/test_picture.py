@@ -17,7 +17,7 @@ from helpers.panel import MadeUpLoop
 from helpers.wait import until
 
 from srl.runtime.contracts.errors import HostError
-from srl.runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
+from srl.runtime.ipc.header import LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.recording.shapes import distance_colors
 from srl.runtime.web.operator.client import OperatorPage as PageProcess
 from srl.runtime.web.panel.picture import View

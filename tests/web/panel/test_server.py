@@ -22,7 +22,7 @@ from helpers.run import alive
 from helpers.wait import until
 
 from srl.runtime.contracts.errors import HostError, RecordingError
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.web.panel.pages import PAGE, listen
 from srl.runtime.web.panel.peer import LONGEST
 from srl.runtime.web.panel.picture import PictureServer
@@ -281,7 +281,7 @@ def test_a_trial_over_the_wire_gives_the_loops_rows_and_the_pages_frames(screen:
     assert {p.name for p in tmp_path.iterdir()} == {"one.json", "one-frames.parquet", "one-samples.parquet"}
 
 
-def begun(screen: Screen, kept: dict[str, str], then: Callable[[], object]) -> ScreenTrial:
+def started(screen: Screen, kept: dict[str, str], then: Callable[[], object]) -> ScreenTrial:
     """A long trial that has begun, and what came of it after `then`."""
     thread, found = run_aside(screen, LONG)
 
@@ -297,12 +297,12 @@ def begun(screen: Screen, kept: dict[str, str], then: Callable[[], object]) -> S
 def test_a_closed_page_breaks_the_trial_off_and_it_can_be_repeated(screen: Screen) -> None:
     kept = cookie(screen)
     for _ in range(2):
-        assert begun(screen, kept, lambda: None).aborted == "the page was closed"
+        assert started(screen, kept, lambda: None).aborted == "the page was closed"
 
 
 def test_a_stop_on_the_screen_stops_the_limb(loop: MadeUpLoop, screen: Screen) -> None:
     kept, stops = cookie(screen), loop.stops
-    done = begun(screen, kept, lambda: get(screen, "/stop", "POST", **kept, Origin=f"http://{place(screen)}"))
+    done = started(screen, kept, lambda: get(screen, "/stop", "POST", **kept, Origin=f"http://{place(screen)}"))
     assert done.aborted == "stopped on the screen"
     assert loop.stops == stops + 1
 

@@ -34,7 +34,7 @@ class Bench:
         rows = np.array([[self.now, 0.5]]) if row else NO_ROWS
         self.session.tick(rows, self.reading, 0, self.now)
 
-    def begun(self, trial: Trial = TRIAL) -> Bench:
+    def started(self, trial: Trial = TRIAL) -> Bench:
         self.session.offer(trial, self.now)
         self.tick()
         assert self.session.begin(self.now) == ""
@@ -54,7 +54,7 @@ class Bench:
 
 
 def test_a_trial_gives_the_loops_own_rows_from_its_beginning_to_its_end() -> None:
-    bench = Bench().begun()
+    bench = Bench().started()
     began = bench.session.began
     assert began == pytest.approx(bench.now + LEAD + TRIAL.settle)
     bench.until(TRIAL.duration + 0.05)
@@ -72,7 +72,7 @@ def test_a_trial_gives_the_loops_own_rows_from_its_beginning_to_its_end() -> Non
 
 
 def test_a_page_that_sends_no_last_frames_keeps_no_trial_from_its_end() -> None:
-    bench = Bench().begun().until(TRIAL.duration + LATE + 0.05)
+    bench = Bench().started().until(TRIAL.duration + LATE + 0.05)
     assert bench.outcome.aborted == ""
 
 
@@ -92,22 +92,22 @@ def test_nothing_begins_without_a_trial_or_before_the_break_is_over_or_while_the
 
 @pytest.mark.parametrize("condition", [Condition.ENDED, Condition.STOPPED])
 def test_a_stop_or_the_runs_end_breaks_a_trial_off(condition: Condition) -> None:
-    bench = Bench().begun().until(0.5)
+    bench = Bench().started().until(0.5)
     bench.tick(condition, "The limb is stopped")
     assert bench.outcome.aborted == "The limb is stopped"
-    assert bench.session.told == "The trial was broken off: the limb is stopped"
-    bench.begun()  # it can be repeated
+    assert bench.session.reported == "The trial was broken off: the limb is stopped"
+    bench.started()  # it can be repeated
     assert bench.session.phase is Phase.RUNNING
 
 
 def test_a_loop_that_was_started_again_breaks_a_trial_off() -> None:
-    bench = Bench().begun().until(0.5)
+    bench = Bench().started().until(0.5)
     bench.tick(generation=1)
     assert "started again" in bench.outcome.aborted
 
 
 def test_a_short_silence_is_told_and_a_long_one_breaks_the_trial_off() -> None:
-    bench = Bench().begun().until(0.2)
+    bench = Bench().started().until(0.2)
     for _ in range(20):
         bench.tick(Condition.SILENT, "no data", row=False)
     assert not bench.outcomes
@@ -119,7 +119,7 @@ def test_a_short_silence_is_told_and_a_long_one_breaks_the_trial_off() -> None:
 
 
 def test_a_held_value_is_told_and_breaks_nothing_off() -> None:
-    bench = Bench().begun().until(0.2)
+    bench = Bench().started().until(0.2)
     for _ in range(150):
         bench.tick(Condition.HELD, "held")
     bench.until(TRIAL.duration + LATE + 0.05)
@@ -138,7 +138,7 @@ def test_a_new_trial_takes_the_place_of_one_that_waits() -> None:
 
 
 def test_more_frames_than_a_screen_can_show_are_refused() -> None:
-    bench = Bench().begun()
+    bench = Bench().started()
     answers = [bench.session.frames([[0.0, 0.0, 0.0]] * 500, False, 0.0) for _ in range(6)]
     assert not answers[0]
     assert answers[-1]

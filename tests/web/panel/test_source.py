@@ -9,8 +9,8 @@ import pytest
 from helpers.panel import SIGNAL, MadeUpLoop
 
 from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.ipc.header import LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.ipc.rows import LOOK, SILENCE, Condition
-from srl.runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.web.panel.source import Source
 
 

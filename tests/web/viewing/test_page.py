@@ -12,7 +12,7 @@ from helpers.operator_page import get
 from helpers.viewed import WALL, ViewedLoop, ViewerProcess
 from helpers.wait import until
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 
 pytestmark = pytest.mark.slow
 
@@ -37,7 +37,7 @@ def now(page: Page) -> dict[str, Any]:
     """What the page says of itself, and whether its warning is seen: as far as the browser's compositor has it."""
     found = page.value("""globalThis.viewerNow && {...viewerNow,
         seen: ["old", "words"].map((id) => Number(getComputedStyle(document.getElementById(id)).opacity)),
-        said: document.getElementById("words").textContent}""")
+        output: document.getElementById("words").textContent}""")
     return dict(found or {"words": "", "ms": None, "time": None})
 
 

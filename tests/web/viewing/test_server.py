@@ -20,7 +20,7 @@ from helpers.operator_page import UPGRADE, Socket, asked, closed, cookie, get, h
 from helpers.viewed import ViewedLoop, ViewerProcess
 from helpers.wait import until
 
-from srl.runtime.ipc.words import State
+from srl.runtime.ipc.header import State
 from srl.runtime.recording.framing import HEADER, strip
 from srl.runtime.web.viewing import __main__ as command
 from srl.runtime.web.viewing import assets
@@ -142,8 +142,8 @@ def test_a_part_follows_when_the_one_before_is_drawn(
     found = tmp_path / "seen.rrd"
 
     async def page(tab: Socket) -> int:
-        told = await heard(tab, "run")
-        assert (told["name"], told["wall"]) == ("made-up", loop.layout.meta["wall"] / 1e6)
+        reported = await heard(tab, "run")
+        assert (reported["name"], reported["wall"]) == ("made-up", loop.layout.meta["wall"] / 1e6)
         _, head = await part(tab)
         loop.state = State.STOPPED
         now = await heard(tab, "now", condition="stopped")  # rows go on, and none is sent to a page that hasn't drawn

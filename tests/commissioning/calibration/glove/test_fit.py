@@ -57,11 +57,11 @@ def test_an_exchange_between_two_fingers_is_found(
 ) -> None:
     others = [n for n in NAMES if bent_in(n) == FIST and n.partition("_")[0] != one.partition("_")[0]]
     i, j = NAMES.index(one), NAMES.index(data.draw(st.sampled_from(others)))
-    told = given_by(*hidden)
-    for each in told.values():
+    reported = given_by(*hidden)
+    for each in reported.values():
         for values in (each.mean, each.least, each.greatest):
             values[[i, j]] = values[[j, i]]
-    places = {error.place for error in refusals(fit(NAMES, told, KNOWN), KNOWN, Thresholds())}
+    places = {error.place for error in refusals(fit(NAMES, reported, KNOWN), KNOWN, Thresholds())}
     assert places == {NAMES[i], NAMES[j]}
 
 
@@ -70,10 +70,10 @@ def test_an_exchange_between_two_fingers_is_found(
 def test_a_sensor_that_doesnt_move_is_the_only_one_refused(
     hidden: tuple[np.ndarray, np.ndarray], dead: str, at: float
 ) -> None:
-    told, i = given_by(*hidden), NAMES.index(dead)
-    for each in told.values():
+    reported, i = given_by(*hidden), NAMES.index(dead)
+    for each in reported.values():
         each.mean[i] = each.least[i] = each.greatest[i] = at
-    found = fit(NAMES, told, KNOWN)
+    found = fit(NAMES, reported, KNOWN)
     assert [error.place for error in refusals(found, KNOWN, Thresholds())] == [dead]
 
 
@@ -81,14 +81,14 @@ def test_a_sensor_that_doesnt_move_is_the_only_one_refused(
 @given(characteristics(), st.lists(st.sampled_from([FLAT, FIST, AGAIN, *ALONE.values()]), min_size=1, max_size=3))
 def test_no_counts_make_a_number_that_isnt_one_pass(hidden: tuple[np.ndarray, np.ndarray], constant: list[int]) -> None:
     """Shapes in which the hand stayed flat: refused or right, never a gain that isn't finite."""
-    told = given_by(*hidden)
+    reported = given_by(*hidden)
     for number in constant:
         for to, source in zip(
-            (told[number].mean, told[number].least, told[number].greatest),
-            (told[FLAT].mean, told[FLAT].least, told[FLAT].greatest), strict=True,
+            (reported[number].mean, reported[number].least, reported[number].greatest),
+            (reported[FLAT].mean, reported[FLAT].least, reported[FLAT].greatest), strict=True,
         ):  # fmt: skip
             to[:] = source
-    found = fit(NAMES, told, KNOWN)
+    found = fit(NAMES, reported, KNOWN)
     if not refusals(found, KNOWN, Thresholds()):
         assert np.isfinite(found.gain).all()
         np.testing.assert_allclose(found.gain, hidden[1], rtol=1e-9)
@@ -99,16 +99,16 @@ def test_the_uncertainty_is_that_of_the_angle_at_the_bent_end() -> None:
     offset, gain, random = np.full(len(NAMES), 80.3), np.full(len(NAMES), 0.015), np.random.default_rng(4)
     exact = given_by(offset, gain)
     bent = np.array([exact[bent_in(name) or FLAT].mean[i] for i, name in enumerate(NAMES)])
-    found, said = [], []
+    found, output = [], []
     for _ in range(400):
-        told = {}
+        reported = {}
         for number, each in exact.items():
             mean = each.mean + random.uniform(-0.5, 0.5, len(NAMES)) + random.normal(0.0, 2.0, len(NAMES)) / 5.0
-            told[number] = Held(mean, np.full(len(NAMES), 2.0), mean - 5.0, mean + 5.0, 25)
-        glove = fit(NAMES, told, KNOWN)
+            reported[number] = Held(mean, np.full(len(NAMES), 2.0), mean - 5.0, mean + 5.0, 25)
+        glove = fit(NAMES, reported, KNOWN)
         found.append(glove.gain * (bent - glove.offset))
-        said.append(glove.uncertain)
-    np.testing.assert_allclose(np.std(found, axis=0).mean(), np.mean(said), rtol=0.05)
+        output.append(glove.uncertain)
+    np.testing.assert_allclose(np.std(found, axis=0).mean(), np.mean(output), rtol=0.05)
 
 
 def test_a_sensor_that_no_shape_bends_is_refused() -> None:
