@@ -76,9 +76,7 @@ class PtyArm(Driver):
         self._descriptor = -1
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`."""
         return self._descriptor
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`."""
         return (STOP,)

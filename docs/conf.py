@@ -48,7 +48,9 @@ def add_contents(_: Sphinx, document: str, content: list[str]) -> None:
     if document == "README":
         pages = sorted(f"docs/{page.stem}" for page in (ROOT / "docs").glob("*.md"))
         content[0] += _contents("Pages", pages)
-        content[0] += _contents("More", ["docs/devices/README", "docs/studies/README", "docs/api", "docs/decisions/README"])
+        content[0] += _contents(
+            "More", ["docs/devices/README", "docs/studies/README", "docs/api", "docs/decisions/README"]
+        )
         content[0] += _contents("Project", ["CHANGELOG", "CONTRIBUTING"])
     elif document.endswith("/README"):
         others = sorted(page.stem for page in (ROOT / document).parent.glob("*.md") if page.stem != "README")

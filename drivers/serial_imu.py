@@ -75,7 +75,6 @@ class SerialImu(Sensor, Generic[FrameT]):
         """Takes a frame that came by `now` (ns): its values, its time, what it says of lost ones."""
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         if self._link is None:
             raise DeviceLostError(self._place, "it isn't open", "Open it first")
         try:
@@ -95,7 +94,6 @@ class SerialImu(Sensor, Generic[FrameT]):
             raise DeviceLostError(self._place, problem, self.remedy)
 
     def close(self) -> None:
-        """See `Driver.close`."""
         link, self._link = self._link, None
         self.health.connected = False
         if link is not None:

@@ -1,4 +1,4 @@
-"""Trials of studies as tasks: run on this machine or on a cluster, each once, whatever breaks off (docs/studies/README.md)."""
+"""Trials of studies as tasks: on this machine or on a cluster, each once, whatever ends (docs/studies/trials.md)."""
 
 from srl.studies.result import Claim, Result
 from srl.studies.tasks.runner import Runner, runner

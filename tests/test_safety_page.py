@@ -12,7 +12,7 @@ from srl.runtime.contracts import registry
 from srl.runtime.ipc import control_socket, latches
 from srl.runtime.ipc.header import CLIENTS, Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind
-from srl.runtime.loop import device, process, rate, realtime, reset_inputs
+from srl.runtime.loop import device, monitors, process, realtime
 from srl.runtime.loop.machine import Machine
 from srl.runtime.profile import profile
 from srl.runtime.service import actuators, supervisor
@@ -97,8 +97,8 @@ def test_the_safety_pages_times_and_counts_are_the_codes() -> None:
         r"tries for (\S+) s, twice": (actuators.TIMEOUT,),
         r"open the glove again every (\S+) s": (device.RETRY,),
         r"the ring holds about (\d+) s of rows": (process.KEPT,),
-        r"released for (\d+) ms or more": (reset_inputs.RELEASED * 1e-6,),
-        r"limited to (\d+) at once and (\d+) a second": (rate.BURST, 1e9 / rate.EVERY),
+        r"released for (\d+) ms or more": (monitors.RELEASED * 1e-6,),
+        r"limited to (\d+) at once and (\d+) a second": (monitors.BURST, 1e9 / monitors.REFILL),
         r"expire after (\d+) s \(from the bus: (\d+) s\)": lives,
         r"(\d+) periods missed within (\d+) s\. Up to (\d+)": (overrun.stop, overrun.window, overrun.tolerate),
     }

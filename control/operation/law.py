@@ -16,7 +16,7 @@ from srl.control.operation.tally import Tally
 from srl.control.operation.teaching import Teaching
 from srl.control.operation.triggers import Triggers
 from srl.control.operation.worn import Worn
-from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.errors import ProfileError
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
@@ -60,9 +60,8 @@ class IndependentOperation(Controller):
     Config = IndependentOperationConfig
     summary = "a worn arm repeats a task that the wearer's hand has shown, around the moving body"
 
-    def __init__(self, name: str, config: ControllerConfig) -> None:
+    def __init__(self, name: str, config: IndependentOperationConfig) -> None:
         super().__init__(name, config)
-        assert isinstance(config, IndependentOperationConfig)
         self._options = o = config
         figure, labels = o.figure, o.arms.arms.labels
         n, k = len(labels), len(figure.labels)

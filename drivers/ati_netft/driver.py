@@ -72,7 +72,7 @@ class AtiNetFt(Sensor):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 10 s."""
+        """Blocks up to 10 s."""
         self.close()
         where = address(self.config.port, self._place)
         self._settle(where)

@@ -86,7 +86,7 @@ class MobileBase(Driver):
         self._heard_emergency = False
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to about 10 s. The base doesn't move.
+        """Blocks up to about 10 s. The base doesn't move.
 
         Raises:
             DeviceError: no connection, no odometry, another frame, or the robot expects another message type.
@@ -121,7 +121,7 @@ class MobileBase(Driver):
         self.health.message = f"odometry in '{self._frame}'{note}"
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. The newest odometry is used; late odometry keeps its own, old stamp."""
+        """The newest odometry is used; late odometry keeps its own, old stamp."""
         try:
             events = self._link.read()
         except DeviceLostError:
@@ -154,7 +154,7 @@ class MobileBase(Driver):
         states["pose"][:] = protocol.carried(self._pose, self._twist, age)
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. Sends at most `rate` commands per second; each expires after `expiry`."""
+        """Sends at most `rate` commands per second; each expires after `expiry`."""
         clock = time.monotonic_ns()
         if clock - self._written < self._period:
             return
@@ -178,12 +178,12 @@ class MobileBase(Driver):
             raise
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`: sends zero velocity; the robot brakes along its own ramp."""
+        """Sends zero velocity; the robot brakes along its own ramp."""
         self._link.stop()
         self._publish_zero()
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`. An e-stop is released at the robot, which then reports it.
+        """An e-stop is released at the robot, which then reports it.
 
         If an e-stop was pressed before the link was lost and no report has come since, it counts as released.
         Otherwise robots that report only changes would keep the base stopped for ever.
@@ -192,16 +192,16 @@ class MobileBase(Driver):
             self.health.fault = ""
 
     def close(self) -> None:
-        """See `Driver.close`: sends zero velocity if it was commanded, then ends the connection."""
+        """Sends zero velocity if it was commanded, then ends the connection."""
         self.health.connected = False
         self._link.close()
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`: the socket to the zenoh process."""
+        """The socket to the zenoh process."""
         return self._link.fileno()
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`: requests zero velocity from the zenoh process."""
+        """Requests zero velocity from the zenoh process."""
         return self._link.stop_frames
 
     def metrics(self) -> dict[str, object]:

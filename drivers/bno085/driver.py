@@ -69,7 +69,7 @@ class Bno085(SerialImu[Record]):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 1 s."""
+        """Blocks up to 1 s."""
         self.close()
         self._begin()
         link = self._link = open_transport(self._config.port, place=self._place, baudrate=BAUDRATE)
@@ -84,7 +84,7 @@ class Bno085(SerialImu[Record]):
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
-        """See `Driver.who_is_at`. It can't be asked, so it is heard."""
+        """It can't be asked, so it is heard."""
         heard = cls(port, Bno085Config(port=port))
         link = open_transport(port, place=port, baudrate=BAUDRATE)
         try:

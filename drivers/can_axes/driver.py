@@ -124,7 +124,7 @@ class CanAxes(Driver):
     # -- life cycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks a second or two. Nothing moves, and no drive gets torque."""
+        """Blocks a second or two. Nothing moves, and no drive gets torque."""
         self.close()
         self.opens(open_can(self.config.port, place=self.name))
 
@@ -163,7 +163,6 @@ class CanAxes(Driver):
         )
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         link = self._open_link()
         self._now = now
         try:
@@ -215,7 +214,7 @@ class CanAxes(Driver):
         self._held = {k: message for k, message in self._held.items() if k != i}
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. Until every drive obeys, none goes on from its first command; a torque is given at once.
+        """Until every drive obeys, none goes on from its first command; a torque is given at once.
 
         Each drive has a frame of its own, so of a bus that takes some of them those count as sent.
         """
@@ -275,7 +274,7 @@ class CanAxes(Driver):
         return False
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`: LIMP takes the torque from all drives, until each of them says so."""
+        """LIMP takes the torque from all drives, until each of them says so."""
         link = self._link
         if link is None:
             return
@@ -302,7 +301,7 @@ class CanAxes(Driver):
         return [i for i in range(len(self.drives)) if self._repeats < LEAST or self.limp_at(i) <= self._since]
 
     def close(self) -> None:
-        """See `Driver.close`. A drive that was told to hold does so until its own time limit ends it."""
+        """A drive that was told to hold does so until its own time limit ends it."""
         link, self._link = self._link, None
         self.health.connected = False
         if link is None:
@@ -313,7 +312,7 @@ class CanAxes(Driver):
         link.close()
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: clears the drives' errors. They are without torque from then on."""
+        """Clears the drives' errors. They are without torque from then on."""
         link = self._open_link()
         self._foreign = self._blocked = ""
         for i, drive in enumerate(self.drives):
@@ -326,11 +325,10 @@ class CanAxes(Driver):
     # -- for the supervisor
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`."""
         return self._link.stop_fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`: a frame or two for each drive."""
+        """A frame or two for each drive."""
         link = self._link
         if link is None:
             return ()

@@ -127,7 +127,7 @@ class CanFt(Sensor):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 5 s."""
+        """Blocks up to 5 s."""
         self.close()
         filters = [{"can_id": number, "can_mask": 0x7FF} for number in self.config.ids[1:]]
         link = self._link = open_can(self.config.port, place=self._place, filters=filters)

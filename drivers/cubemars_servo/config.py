@@ -37,17 +37,14 @@ class ServoAxis(CanAxis):
 
     @property
     def number(self) -> int:
-        """See `CanAxis`."""
         return self.id
 
     @property
     def most_torque(self) -> float:
-        """See `CanAxis`."""
         return self.current * self.torque_constant
 
     @property
     def place(self) -> float | None:
-        """See `CanAxis`."""
         return self.parked
 
     @property
@@ -76,5 +73,4 @@ class CubemarsServoConfig(CanAxesConfig):
 
     @property
     def all_axes(self) -> dict[str, ServoAxis]:
-        """See `CanAxesConfig`."""
         return self.axes

@@ -73,7 +73,7 @@ class CubemarsServo(CanAxes):
     # -- opening
 
     def identify(self, link: CanLink) -> str:
-        """See `CanAxes`: only listens."""
+        """Only listens."""
         found, others, plain = dict[int, protocol.Status](), set[int](), set[int]()
         deadline = time.monotonic() + LISTEN
         while len(found) < len(self._ids) and (left := deadline - time.monotonic()) > 0:
@@ -118,7 +118,6 @@ class CubemarsServo(CanAxes):
     # -- a cycle
 
     def hear(self, message: can.Message, now: int) -> None:
-        """See `CanAxes`."""
         if not message.is_extended_id:
             return
         before, number = protocol.split(message.arbitration_id)
@@ -150,7 +149,7 @@ class CubemarsServo(CanAxes):
         self._still[i] = now if abs(status.current) < STILL else -1
 
     def ask(self, link: CanLink, now: int) -> None:
-        """See `CanAxes`: nothing is asked for; a status comes by itself."""
+        """Nothing is asked for; a status comes by itself."""
         warm = [f"{d.name} is at {d.temperature:.0f} degC" for d in self.drives if d.temperature >= WARM]
         if warm:
             self.health.message = f"{self._message}; {', '.join(warm)}"
@@ -158,7 +157,6 @@ class CubemarsServo(CanAxes):
     # -- commands
 
     def resolution(self) -> tuple[float, ...]:
-        """See `CanAxes`."""
         steps = {
             "position": [radians(1e-4)] * len(self._scales),
             "velocity": [1 / scale.erpm for scale in self._scales],
@@ -167,12 +165,11 @@ class CubemarsServo(CanAxes):
         return tuple(steps[self.options.mode])
 
     def bits(self) -> tuple[float, float]:
-        """See `CanAxes`."""
         n, full = len(self._ids), frame_bits(8, extended=True)
         return n * full, n * full * self.options.status_rate
 
     def identifiers(self) -> dict[int, str]:
-        """See `CanAxes`: every mode's commands, also those that are never sent from here, and the status."""
+        """Every mode's commands, also those that are never sent from here, and the status."""
         found = dict[int, str]()
         for name, drive in zip(self.labels, self._ids, strict=True):
             modes = (EXTENDED | protocol.identifier(mode, drive) for mode in range(16))
@@ -181,15 +178,15 @@ class CubemarsServo(CanAxes):
         return found
 
     def waking(self, i: int, value: float) -> Sequence[can.Message]:
-        """See `CanAxes`. There is no enabling: the first command is obeyed at once."""
+        """There is no enabling: the first command is obeyed at once."""
         return [self.input(i, value if self.options.mode == "position" else 0.0)]
 
     def obeys(self, i: int) -> bool:
-        """See `CanAxes`. A drive doesn't say whether it obeys."""
+        """A drive doesn't say whether it obeys."""
         return True
 
     def input(self, i: int, value: float) -> can.Message:
-        """See `CanAxes`. A position comes with the drive's own speed and ramp: without, it goes there at full speed."""
+        """A position comes with the drive's own speed and ramp: without, it goes there at full speed."""
         scale, drive = self._scales[i], self._ids[i]
         match self.options.mode:
             case "position":
@@ -204,26 +201,24 @@ class CubemarsServo(CanAxes):
                 return protocol.current(drive, max(-most, min(most, amperes)))
 
     def limp(self, i: int) -> can.Message:
-        """See `CanAxes`."""
         return protocol.current(self._ids[i], 0.0)
 
     def limp_at(self, i: int) -> int:
-        """See `CanAxes`."""
         return self._still[i]
 
     def halt(self, i: int) -> Sequence[can.Message]:
-        """See `CanAxes`: the position again; a speed and a torque become a brake current."""
+        """The position again; a speed and a torque become a brake current."""
         if self.options.mode == "position":
             held = self.held(i)
             return [held] if held is not None else []
         return [protocol.brake(self._ids[i], self._scales[i].axis.current)]
 
     def frames_good_for(self, category: Stop) -> float:
-        """See `Driver.frames_good_for`: after its time limit it has let go, and obeys the next frame."""
+        """After its time limit it has let go, and obeys the next frame."""
         if category is Stop.LIMP or self.options.mode != "position":
             return inf
         return self.options.timeout * _SURE
 
     def clearing(self, i: int) -> Sequence[can.Message]:
-        """See `CanAxes`. Nothing clears an error on the bus; it ends with its cause, or with the supply."""
+        """Nothing clears an error on the bus; it ends with its cause, or with the supply."""
         return [self.limp(i)]

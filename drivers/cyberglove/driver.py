@@ -133,7 +133,6 @@ class CyberGlove(Sensor):
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
-        """See `Driver.who_is_at`."""
         glove = cls(port, CyberGloveConfig(port=port, raw=True))
         link = open_transport(port, place=port, baudrate=BAUDRATE)
         try:

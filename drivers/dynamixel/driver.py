@@ -97,7 +97,7 @@ class Dynamixel(Driver):
         self._limp_frames, self._zero_frames = (filler + self._limp * 2,), (filler + self._zero * 2,)
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks about 0.1 s, some seconds if servos are missing.
+        """Blocks about 0.1 s, some seconds if servos are missing.
 
         Servos without torque stay without. Servos with torque, from an earlier run, continue to hold.
         """
@@ -123,7 +123,6 @@ class Dynamixel(Driver):
         self.health.message = f"firmware {', '.join(map(str, bus.firmware))}"
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         line = self._open_line()
         try:
             over = line.poll(now)
@@ -142,7 +141,7 @@ class Dynamixel(Driver):
         self.health.unsent = line.unsent
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. A servo gets torque with its first goal, which must be near its present position."""
+        """A servo gets torque with its first goal, which must be near its present position."""
         line = self._open_line()
         self._writing = True
         if not line.free:
@@ -154,7 +153,7 @@ class Dynamixel(Driver):
             raise
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. LIMP switches the torque off; goals of velocity and effort become 0."""
+        """LIMP switches the torque off; goals of velocity and effort become 0."""
         if self._line is None:
             return
         if category is Stop.LIMP:
@@ -170,7 +169,7 @@ class Dynamixel(Driver):
                     self._publish_words()
 
     def close(self) -> None:
-        """See `Driver.close`. Servos hold their last position; velocity and effort become 0; the watchdog is off."""
+        """Servos hold their last position; velocity and effort become 0; the watchdog is off."""
         link, line = self._link, self._line
         self._link = self._line = None
         if link is None or line is None:
@@ -188,15 +187,13 @@ class Dynamixel(Driver):
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
-        """See `Driver.who_is_at`."""
         return who(port)
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`."""
         return self._link.fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`: LIMP switches the torque off; others repeat the last positions, or set goals to 0.
+        """LIMP switches the torque off; others repeat the last positions, or set goals to 0.
 
         Velocity and effort goals are those set to 0. The packet is sent twice, because the first may collide with a
         servo's answer on the bus. Filler bytes in front complete a packet that was cut short; servos refuse it for its
@@ -214,7 +211,7 @@ class Dynamixel(Driver):
         return frames
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: restarts servos with hardware errors and rearms tripped watchdogs.
+        """Restarts servos with hardware errors and rearms tripped watchdogs.
 
         The torque stays off until the next `write` whose goal is near the servo's position.
         """

@@ -84,7 +84,7 @@ class Feetech(Driver):
         self._frames: tuple[bytes | None, tuple[bytes, ...], tuple[bytes, ...]] = None, (), ()  # goals; hold; LIMP
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks about 0.1 s, some seconds if servos are missing.
+        """Blocks about 0.1 s, some seconds if servos are missing.
 
         Servos without torque stay without. Servos with torque, from an earlier run, continue to hold.
         """
@@ -115,7 +115,6 @@ class Feetech(Driver):
         self.health.message = self._message
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         line = self._open_line()
         try:
             over = line.poll(now)
@@ -134,7 +133,7 @@ class Feetech(Driver):
         self.health.unsent = line.unsent
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. A servo gets torque once it has stored a goal near its present position."""
+        """A servo gets torque once it has stored a goal near its present position."""
         line = self._open_line()
         self._writing = True
         if not line.free:
@@ -146,7 +145,7 @@ class Feetech(Driver):
             raise
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. LIMP switches the torque off; after any other the servos hold their last goals."""
+        """LIMP switches the torque off; after any other the servos hold their last goals."""
         if self._line is None or category is not Stop.LIMP:
             return
         if not self._let_go or any(self._goals.powered):
@@ -159,7 +158,7 @@ class Feetech(Driver):
                     self._words = b""
 
     def close(self) -> None:
-        """See `Driver.close`. Servos with torque hold their last goals, also without a host."""
+        """Servos with torque hold their last goals, also without a host."""
         link, line = self._link, self._line
         self._link = self._line = None
         if link is None or line is None:
@@ -176,15 +175,13 @@ class Feetech(Driver):
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
-        """See `Driver.who_is_at`."""
         return who(port)
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`."""
         return self._link.fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`: LIMP switches the torque off; others repeat the last goals.
+        """LIMP switches the torque off; others repeat the last goals.
 
         The packet is there twice, because the first may collide with a servo's answer. The filler in front completes a
         packet that was cut short, so that the servos refuse it.
@@ -198,7 +195,7 @@ class Feetech(Driver):
         return limp if category is Stop.LIMP else hold
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: switches the torque of the servos concerned off, which ends an overload.
+        """Switches the torque of the servos concerned off, which ends an overload.
 
         They are limp from then on. Each gets its torque back with the next goals, once it was looked at again.
         """

@@ -44,13 +44,11 @@ class FeetechFaults(Faults):
         super().__init__(names)
 
     def clear(self) -> None:
-        """See `Faults`."""
         super().clear()
         self.turned.clear()
         self.beyond.clear()
 
     def concerns(self, i: int) -> bool:
-        """See `Faults`."""
         return super().concerns(i) or i in self.turned or i in self.beyond
 
     def bits(self, i: int, bits: int) -> None:
@@ -59,7 +57,6 @@ class FeetechFaults(Faults):
             self.errors[i] = bits_in_words(bits)
 
     def text(self) -> str:
-        """See `Faults`."""
         parts = [text] if (text := super().text()) else []
         parts += [
             f"{self._names[i]}: its position jumped by {turns:+d} turn{'s' * (abs(turns) > 1)} (its power dipped, or "

@@ -36,7 +36,6 @@ class StoredGoals(Goals):
         self._next = b""
 
     def packets(self, command: Array, position: Array, away: set[int]) -> tuple[bytes, list[int]]:
-        """See `Goals.packets`."""
         units = self._units
         if units.seen is None or not (self.newest or np.isfinite(command).all()):
             return b"", []
@@ -65,7 +64,6 @@ class StoredGoals(Goals):
             self.held = self._units.again(powered) if powered.any() else b""
 
     def left(self, goals: bytes, waking: list[int], command: Array, sent: Array) -> None:
-        """See `Goals.left`."""
         super().left(goals, waking, command, sent)
         self.held = self._next
         self.stored[waking] = np.nan

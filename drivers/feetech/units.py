@@ -49,16 +49,13 @@ class FeetechUnits(Units):
         self._begin(1)
 
     def parser(self) -> protocol.Parser:
-        """See `Units`."""
         return protocol.Parser()
 
     @property
     def goal(self) -> Register:
-        """See `Units`."""
         return TABLE["goal_position"]
 
     def decode(self, data: bytes, size: int, out: Mapping[str, Array]) -> None:
-        """See `Units`."""
         raw = np.frombuffer(data, SAMPLE)
         self.seen = signed(raw["position"], 15)
         np.multiply(self.seen, self.per_count, out=out["position"])

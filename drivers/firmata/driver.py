@@ -107,7 +107,7 @@ class Firmata(Driver):
         self._forget()
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 10 s, mostly for the board's boot. Servos stay detached."""
+        """Blocks up to 10 s, mostly for the board's boot. Servos stay detached."""
         self.close()
         link = open_transport(self.config.port, place=self.name, baudrate=protocol.BAUDRATE)
         try:
@@ -124,7 +124,7 @@ class Firmata(Driver):
         self._was_lost = False
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. A board that has reset itself counts as lost: its servos are detached."""
+        """A board that has reset itself counts as lost: its servos are detached."""
         link = self._open_link()
         try:
             data = link.read()
@@ -145,7 +145,7 @@ class Firmata(Driver):
             self.state_arrays["buttons"][:] = self._buttons.pressed
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. Writes only pulses that have changed; the first call attaches all servos."""
+        """Writes only pulses that have changed; the first call attaches all servos."""
         link = self._open_link()
         if not self.commands:
             return
@@ -176,7 +176,7 @@ class Firmata(Driver):
             self.health.unsent = len(frame)
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. HOLD sends nothing, because servos keep their last pulse. LIMP detaches them."""
+        """HOLD sends nothing, because servos keep their last pulse. LIMP detaches them."""
         link = self._link
         if link is None:
             return
@@ -188,7 +188,7 @@ class Firmata(Driver):
                 link.write(b"")  # sends the rest of a command that the kernel took in part
 
     def close(self) -> None:
-        """See `Driver.close`. Servos that aren't limp keep their last pulse."""
+        """Servos that aren't limp keep their last pulse."""
         link, self._link = self._link, None
         self.health.connected = False
         if link is None:
@@ -202,15 +202,15 @@ class Firmata(Driver):
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
-        """See `Driver.who_is_at`. Opening the port restarts most boards."""
+        """Opening the port restarts most boards."""
         return who(port)
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`; None for a board without servos."""
+        """None for a board without servos."""
         return self._link.fileno() if self._link is not None and self.commands else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`: LIMP detaches; others repeat the last pulses of the attached servos.
+        """LIMP detaches; others repeat the last pulses of the attached servos.
 
         F7 in front ends a system-exclusive message that was cut short. A shorter message that was cut is dropped
         by the board at the next command byte.

@@ -87,7 +87,7 @@ class Lsl(Sensor):
         self._kept: list[wire.Data] = []  # came while it was opened
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 18 s.
+        """Blocks up to 18 s.
 
         Raises:
             DeviceError: pylsl isn't installed; other machines could reach liblsl; no such stream, or two; another
@@ -120,7 +120,6 @@ class Lsl(Sensor):
         self.health.opened()
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         if not self.health.connected:
             raise DeviceLostError(self._place, "it isn't open", "Open it first")
         arrived, self._kept = self._kept, []
@@ -143,7 +142,6 @@ class Lsl(Sensor):
             self._lost(f"nothing came for {self._config.silence:g} s", _SENDER)
 
     def close(self) -> None:
-        """See `Driver.close`."""
         self.health.connected = False
         self._helper.kill()
         self._forget()

@@ -88,7 +88,7 @@ class MitCan(Driver):
     # -- life cycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks some 10 ms a motor, up to a second if one is missing.
+        """Blocks some 10 ms a motor, up to a second if one is missing.
 
         A Damiao stays as it is. A CubeMars V1 or V2 is enabled with damping alone, if the profile lets it.
         """
@@ -129,7 +129,6 @@ class MitCan(Driver):
         return open_can(self.config.port, place=self._place)
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         line = self._open_line()
         try:
             for motor in self._motors:
@@ -148,7 +147,7 @@ class MitCan(Driver):
         self.health.fault = self._faults.text()
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. A motor is enabled with damping alone first; then its stiffness rises within `ramp`.
+        """A motor is enabled with damping alone first; then its stiffness rises within `ramp`.
 
         Until all are armed, none goes on from its first command; a torque is given at once. Each motor has a frame of
         its own, so of a bus that takes some of them those count as sent.
@@ -165,7 +164,7 @@ class MitCan(Driver):
         self._started = self._started or all(motor.armed for motor in self._motors)
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. DAMP: damping alone, again in each call. LIMP: no torque; a Damiao is disabled, too."""
+        """DAMP: damping alone, again in each call. LIMP: no torque; a Damiao is disabled, too."""
         line = self._line
         if line is None or category not in (Stop.DAMP, Stop.LIMP):
             return
@@ -182,9 +181,7 @@ class MitCan(Driver):
                     line.tell(motor.number, protocol.DISABLE)
 
     def close(self) -> None:
-        """See `Driver.close`.
-
-        A position command stays with the drive; a velocity or a torque becomes damping. A Damiao lets go when its
+        """A position command stays with the drive; a velocity or a torque becomes damping. A Damiao lets go when its
         watchdog has expired; a CubeMars that was never moved is let go here.
         """
         line, self._line = self._line, None
@@ -203,11 +200,10 @@ class MitCan(Driver):
         line.link.close()
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`."""
         return self._line.link.stop_fileno() if self._line is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`: one for each motor.
+        """One for each motor.
 
         HOLD repeats the last positions at rest; without a loop a velocity or a torque can only be damped. LIMP takes
         the torque away, then disables (an AK V3 has no frame for that).
@@ -223,12 +219,12 @@ class MitCan(Driver):
         return self._frames[1]
 
     def frames_good_for(self, category: Stop) -> float:
-        """See `Driver.frames_good_for`: a CubeMars may let go in silence, and come alive where it was held before."""
+        """A CubeMars may let go in silence, and come alive where it was held before."""
         holds = category not in (Stop.DAMP, Stop.LIMP) and self._kind is Kind.POSITION
         return HOLDS if holds and not self._damiao else inf
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: clears a Damiao's errors. Motors that may stand elsewhere are opened anew."""
+        """Clears a Damiao's errors. Motors that may stand elsewhere are opened anew."""
         line, faults = self._line, self._faults
         if line is None:
             return

@@ -61,7 +61,7 @@ class NatNet(Sensor):
         self._view.bind(states)
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 7 s."""
+        """Blocks up to 7 s."""
         self.close()
         client, config = self._client, self._config
         try:

@@ -79,17 +79,14 @@ class OdriveAxis(CanAxis):
 
     @property
     def number(self) -> int:
-        """See `CanAxis`."""
         return self.node
 
     @property
     def most_torque(self) -> float:
-        """See `CanAxis`."""
         return self.current * self.torque_constant * self.gear
 
     @property
     def place(self) -> float | None:
-        """See `CanAxis`."""
         return self.parked
 
     @property
@@ -144,7 +141,6 @@ class OdriveConfig(CanAxesConfig):
 
     @property
     def all_axes(self) -> dict[str, OdriveAxis]:
-        """See `CanAxesConfig`."""
         return self.axes
 
     def numbers(self) -> Endpoints | None:

@@ -68,7 +68,6 @@ class Odrive(CanAxes):
     # -- opening
 
     def identify(self, link: CanLink) -> str:
-        """See `CanAxes`."""
         config = self.options
         heard = opening.find(link, config, self.name)
         remark = opening.check(link, config, self.name, self.question)
@@ -95,7 +94,6 @@ class Odrive(CanAxes):
     # -- a cycle
 
     def hear(self, message: can.Message, now: int) -> None:
-        """See `CanAxes`."""
         if message.is_extended_id:
             return
         node, command = protocol.split(message.arbitration_id)
@@ -185,7 +183,7 @@ class Odrive(CanAxes):
             drive.details.append(text)
 
     def ask(self, link: CanLink, now: int) -> None:
-        """See `CanAxes`: one request at a time, so that the bus stays free for commands."""
+        """One request at a time, so that the bus stays free for commands."""
         if now - self._asked < ASK:
             return
         self._asked = now
@@ -210,16 +208,15 @@ class Odrive(CanAxes):
     # -- commands
 
     def resolution(self) -> tuple[float, ...]:
-        """See `CanAxes`."""
         return tuple(axis.scale.resolution[self.options.mode] for axis in self._axes)
 
     def bits(self) -> tuple[float, float]:
-        """See `CanAxes`: heartbeats and estimates as delivered, and a request at a time."""
+        """Heartbeats and estimates as delivered, and a request at a time."""
         n, full = len(self._nodes), frame_bits(8)
         return n * full, n * full * 110 + 1e9 / ASK * (frame_bits(0) + full)
 
     def identifiers(self) -> dict[int, str]:
-        """See `CanAxes`: all 32 of each node."""
+        """All 32 of each node."""
         found = dict[int, str]()
         for name, node in zip(self.labels, self._nodes, strict=True):
             found |= dict.fromkeys(
@@ -228,7 +225,7 @@ class Odrive(CanAxes):
         return found
 
     def waking(self, i: int, value: float) -> Sequence[can.Message]:
-        """See `CanAxes`. The input comes before the state: with an old one in it the axis would jump."""
+        """The input comes before the state: with an old one in it the axis would jump."""
         axis, node, mode = self._axes[i], self._nodes[i], self.options.mode
         axis.obeyed = False
         start = value if mode == "position" else 0.0
@@ -241,11 +238,9 @@ class Odrive(CanAxes):
         ]
 
     def obeys(self, i: int) -> bool:
-        """See `CanAxes`."""
         return self._axes[i].obeyed
 
     def input(self, i: int, value: float) -> can.Message:
-        """See `CanAxes`."""
         scale, node = self._axes[i].scale, self._nodes[i]
         match self.options.mode:
             case "position":
@@ -256,15 +251,13 @@ class Odrive(CanAxes):
                 return protocol.input_torque(node, scale.motor_torque(value))
 
     def limp(self, i: int) -> can.Message:
-        """See `CanAxes`."""
         return protocol.set_state(self._nodes[i], IDLE)
 
     def limp_at(self, i: int) -> int:
-        """See `CanAxes`."""
         return self._axes[i].beat if self._axes[i].state == IDLE else -1
 
     def halt(self, i: int) -> Sequence[can.Message]:
-        """See `CanAxes`. A torque becomes a damping: the velocity loop at 0, with the gain that `open` set."""
+        """A torque becomes a damping: the velocity loop at 0, with the gain that `open` set."""
         node = self._nodes[i]
         if self.options.mode == "position":
             held = self.held(i)
@@ -273,7 +266,6 @@ class Odrive(CanAxes):
         return [still] if self.options.mode == "velocity" else [still, protocol.set_mode(node, "velocity")]
 
     def clearing(self, i: int) -> Sequence[can.Message]:
-        """See `CanAxes`."""
         node = self._nodes[i]
         self._axes[i].wanted.clear()
         self._axes[i].obeyed = False

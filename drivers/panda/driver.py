@@ -98,7 +98,7 @@ class Panda(Driver):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 20 s. Options are sent if the robot is idle, otherwise as soon as it is.
+        """Blocks up to 20 s. Options are sent if the robot is idle, otherwise as soon as it is.
 
         A robot in reflex or stopped by a person is opened all the same, with `health.fault` set.
         """
@@ -186,7 +186,7 @@ class Panda(Driver):
         return end_effector
 
     def close(self) -> None:
-        """See `Driver.close`. Blocks up to 1.5 s if a motion has to be ended first."""
+        """Blocks up to 1.5 s if a motion has to be ended first."""
         channel, link = self._channel, self._states
         if channel is not None and link is not None and not self._gone:
             with contextlib.suppress(DeviceError):
@@ -222,7 +222,7 @@ class Panda(Driver):
     # -- cycle
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. Takes the newest of the states that have arrived; older ones are only counted."""
+        """Takes the newest of the states that have arrived; older ones are only counted."""
         channel, link = self._session()
         try:
             self._take_states(link.read(), now)
@@ -250,7 +250,7 @@ class Panda(Driver):
                 self._answer()
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. Sends one command for the newest state, or requests a motion if there is none."""
+        """Sends one command for the newest state, or requests a motion if there is none."""
         channel, _ = self._session()
         if not self.commands:
             return
@@ -262,11 +262,11 @@ class Panda(Driver):
             channel.ask(motion.ask(), motion.reply)
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`: later `read`s bring the arm to rest, then its own controller takes over."""
+        """Later `read`s bring the arm to rest, then its own controller takes over."""
         self._motion.end()
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: runs automatic error recovery if the robot has errors, and clears other messages."""
+        """Runs automatic error recovery if the robot has errors, and clears other messages."""
         channel, _ = self._session()
         if not self.commands:
             return

@@ -101,13 +101,12 @@ class Replay(Sensor):
         self.states = self._player.signals
 
     def open(self) -> None:
-        """See `Driver.open`. Raises DeviceError if the recording is over."""
+        """Raises DeviceError if the recording is over."""
         self.close()
         self._player.rewind()
         self.health.opened()
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         if not self.health.connected:
             raise DeviceLostError(self.name, "it isn't open", "Open it first")
         try:
@@ -121,5 +120,4 @@ class Replay(Sensor):
                 self.state_arrays[signal.name][...] = array
 
     def close(self) -> None:
-        """See `Driver.close`."""
         self.health.connected = False

@@ -105,7 +105,7 @@ class SoftHand(Driver):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 4 s. Doesn't switch the motor on."""
+        """Blocks up to 4 s. Doesn't switch the motor on."""
         self.close()
         link = open_transport(self.config.port, place=self._place, baudrate=self.config.baudrate)
         try:
@@ -126,7 +126,7 @@ class SoftHand(Driver):
         self.health.message = self._reported
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. Also continues switching on or off."""
+        """Also continues switching on or off."""
         link = self._open_link()
         if self._heard < 0:
             self._heard = now
@@ -145,7 +145,7 @@ class SoftHand(Driver):
             raise
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. The first call switches the motor on; references follow when the hand confirms this."""
+        """The first call switches the motor on; references follow when the hand confirms this."""
         link = self._open_link()
         if self._heard < 0:
             self._heard = now
@@ -178,7 +178,7 @@ class SoftHand(Driver):
             self.sent_arrays[COMMAND][0] = min(max(float(self.command_arrays[COMMAND][0]), 0.0), 1.0)
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. LIMP commands the motor off until the hand confirms it; HOLD keeps the reference."""
+        """LIMP commands the motor off until the hand confirms it; HOLD keeps the reference."""
         link = self._link
         if link is None:
             return
@@ -199,7 +199,7 @@ class SoftHand(Driver):
         self._sent = self._hold_frames = None
 
     def close(self) -> None:
-        """See `Driver.close`. Switches the motor off."""
+        """Switches the motor off."""
         link, self._link = self._link, None
         connected, self.health.connected = self.health.connected, False
         if link is None:
@@ -211,7 +211,7 @@ class SoftHand(Driver):
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
-        """See `Driver.who_is_at`: the hand with id 1, as they are delivered."""
+        """The hand with id 1, as they are delivered."""
         config = SoftHandConfig(port=port)
         link = open_transport(port, place=port, baudrate=config.baudrate)
         try:
@@ -221,11 +221,10 @@ class SoftHand(Driver):
         return f"a SoftHand with id {config.id}" + (f", serial number {serial}" if serial else "")
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`."""
         return self._link.fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`. HOLD disables the watchdog, which would release the hand, and repeats the goal."""
+        """HOLD disables the watchdog, which would release the hand, and repeats the goal."""
         if category is Stop.LIMP or self._sent is None:
             return self._limp_frames
         if self._hold_frames is None:

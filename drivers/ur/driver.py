@@ -93,7 +93,7 @@ class Ur(Driver):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to about 15 s, and 80 s more with `power_on`. The arm stays still.
+        """Blocks up to about 15 s, and 80 s more with `power_on`. The arm stays still.
 
         If the arm is in a protective stop, it is opened all the same, with `health.fault` set.
         """
@@ -115,7 +115,7 @@ class Ur(Driver):
         self.health.opened()
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. Also raises DeviceLostError after 2 s without data."""
+        """Also raises DeviceLostError after 2 s without data."""
         link = self._open_link()
         self._now = now
         if self._heard < 0:
@@ -137,7 +137,7 @@ class Ur(Driver):
             raise
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. Sends nothing while `health.fault` is set."""
+        """Sends nothing while `health.fault` is set."""
         link = self._open_link()
         if self.health.fault or not self.commands:
             return
@@ -156,7 +156,7 @@ class Ur(Driver):
             raise
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`: the program decelerates the arm with `deceleration` and holds it there."""
+        """The program decelerates the arm with `deceleration` and holds it there."""
         if self._link is None or not self.commands:
             return
         self._stay = True
@@ -164,7 +164,7 @@ class Ur(Driver):
             self._tend(self._link, self._now)
 
     def close(self) -> None:
-        """See `Driver.close`: the program ends; the arm stays switched on and stands still."""
+        """The program ends; the arm stays switched on and stands still."""
         link, self._link = self._link, None
         if self._steps is not None:
             self._steps.close()
@@ -179,9 +179,7 @@ class Ur(Driver):
         link.close()
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`.
-
-        Ends a protective stop (no sooner than 5 s after it began), switches the arm on if `power_on` is set, and
+        """Ends a protective stop (no sooner than 5 s after it began), switches the arm on if `power_on` is set, and
         loads the control program again.
         """
         self._now = now
@@ -190,11 +188,11 @@ class Ur(Driver):
             self._steps = self._recovery()
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`: the socket of RTDE."""
+        """The socket of RTDE."""
         return self._link.fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """See `Driver.stop_frames`: the STAY command.
+        """The STAY command.
 
         After an incomplete frame it is garbage, which ends the connection. Then the newest command's time runs out,
         and this stops the arm.

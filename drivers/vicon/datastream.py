@@ -68,7 +68,6 @@ class DataStream:
         return self._parser.resyncs
 
     def open(self) -> None:
-        """See `Source.open`."""
         self.close()
         self._forget()
         link = self._link = open_transport(self._config.port, place=self._place)
@@ -94,7 +93,6 @@ class DataStream:
             raise
 
     def read(self, now: int) -> Frame | None:
-        """See `Source.read`."""
         assert self._link is not None
         data = self._link.read()
         if self._since < 0:
@@ -114,7 +112,6 @@ class DataStream:
         return None if newest is None else self._decoded(newest)
 
     def close(self) -> None:
-        """See `Source.close`."""
         link, self._link = self._link, None
         if link is not None:
             with contextlib.suppress(DeviceError):

@@ -48,7 +48,6 @@ class ObjectStream:
         self._behind = 0  # consecutive frames that are older
 
     def open(self) -> None:
-        """See `Source.open`."""
         self.close()
         self._last = {}
         self._number, self._behind = None, 0
@@ -60,7 +59,6 @@ class ObjectStream:
             raise
 
     def read(self, now: int) -> Frame | None:
-        """See `Source.read`."""
         assert self._link is not None
         newest = None
         for datagram in self._link.read():
@@ -70,7 +68,6 @@ class ObjectStream:
         return None if newest is None or self._overtaken(newest.number) else self._frame(newest)
 
     def close(self) -> None:
-        """See `Source.close`."""
         link, self._link = self._link, None
         if link is not None:
             link.close()

@@ -67,7 +67,7 @@ class XsensMti(SerialImu[Message]):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to some seconds."""
+        """Blocks up to some seconds."""
         self.close()
         self._begin()
         link = self._link = open_transport(self._config.port, place=self._place, baudrate=self._config.baudrate)
@@ -81,7 +81,7 @@ class XsensMti(SerialImu[Message]):
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
-        """See `Driver.who_is_at`: at 115200 bit/s, as they are delivered. Measuring pauses while it is asked."""
+        """At 115200 bit/s, as they are delivered. Measuring pauses while it is asked."""
         link = open_transport(port, place=port, baudrate=115200)
         try:
             session = Session(link, port)

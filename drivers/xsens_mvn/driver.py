@@ -100,7 +100,7 @@ class XsensMvn(Sensor):
     # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to 2 s."""
+        """Blocks up to 2 s."""
         self.close()
         self._begin()
         self._sender = self._address(self._config.sender)

@@ -95,7 +95,7 @@ class Zenoh(Sensor):
         self._was_lost = False
 
     def open(self) -> None:
-        """See `Driver.open`. Blocks up to about 10 s.
+        """Blocks up to about 10 s.
 
         Raises:
             DeviceError: no connection, no such signal, a signal of another form, or all its samples are old.
@@ -121,7 +121,6 @@ class Zenoh(Sensor):
         self.health.message = f"no stamps in {', '.join(unstamped)}: taken as new on arrival" if unstamped else ""
 
     def read(self, now: int) -> None:
-        """See `Driver.read`."""
         try:
             events = self._link.read()
             if events:
@@ -137,7 +136,6 @@ class Zenoh(Sensor):
         self.health.stamp = min(source.stamp for source in self._sources)
 
     def close(self) -> None:
-        """See `Driver.close`."""
         self.health.connected = False
         self._link.close()
 

@@ -199,7 +199,7 @@ class Measured:
 
     Attributes:
         pose: (7,), the pose of the path's source in its target. While a measured pose is none it stays as it was; NaN
-            if there was none yet. That one is lost is decided elsewhere (`srl.runtime.loop.pose_monitor`).
+            if there was none yet. That one is lost is decided elsewhere (`srl.runtime.loop.faults`).
     """
 
     def __init__(self, frames: Frames, path: Path, signals: Mapping[str, Array]) -> None:

@@ -30,7 +30,7 @@ class Fast(ABC):
         """A cycle of `CommandGuard.step`: 0 done, 1 done and limited, -1 nothing done and left: Python must."""
 
     @abstractmethod
-    def taken(self, left: bool, dt: float) -> bool:
+    def taken(self, transmitted: bool, dt: float) -> bool:
         """A cycle of `SentTracker.compare` in which all was sent as applied; False: nothing done, Python must."""
 
     @abstractmethod
@@ -175,7 +175,7 @@ class CommandGuard(ABC):
             applied: array that `step` and `stop` fill; C-contiguous.
             position: measured position, read by velocity and torque guards.
             velocity: measured velocity, read by torque guards.
-            sent: what left for the device, read by `resynchronise`; NaN before the first command.
+            sent: what was transmitted to the device, read by `resynchronise`; NaN before the first command.
             gravity: the gravity compensation contained in the desired torque, read by torque guards; None for a device
                 that adds its own.
         Raises:
@@ -252,7 +252,7 @@ class CommandGuard(ABC):
         self._restart(*start)
         self._tracker.restart(self.applied.ravel().tolist())
 
-    def resynchronise(self, left: bool, dt: float) -> None:
+    def resynchronise(self, transmitted: bool, dt: float) -> None:
         """Begins anew at what was sent where the device hasn't kept its command's period and resolution.
 
         Called once a cycle before the controllers, which then read the new state back. A position begins at rest. An
@@ -260,16 +260,16 @@ class CommandGuard(ABC):
         on unchanged. If nothing was sent since the reset, the guard begins at the first command again.
 
         Args:
-            left: a command has left for the device since the last call.
+            transmitted: a command was transmitted to the device since the last call.
             dt: actual time since the last cycle, s.
         """
         self.resynchronised = False
         if self._sent is None or not self._ready:
             return
-        if self.fast is not None and self.fast.taken(left, dt):
+        if self.fast is not None and self.fast.taken(transmitted, dt):
             return
         applied = self.applied.ravel().tolist()
-        parted = self._tracker.compare(self._sent.ravel().tolist(), applied, left, dt)
+        parted = self._tracker.compare(self._sent.ravel().tolist(), applied, transmitted, dt)
         if parted and self._stopping and self.command.kind is not Kind.POSITION:
             # A stop goes on, whatever leaves: it may begin anew nearer to zero, never further from it.
             restart_at = self._tracker.restart_at

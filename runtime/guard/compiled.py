@@ -68,9 +68,14 @@ class _Compiled(Fast):
             self._leave()
             self._inside = False
 
-    def taken(self, left: bool, dt: float) -> bool:
+    def taken(self, transmitted: bool, dt: float) -> bool:
         tracker = self._tracker
-        if self._same is not None and dt <= tracker._timeout and (left or not tracker.stalled) and not self._same(dt):
+        if (
+            self._same is not None
+            and dt <= tracker._timeout
+            and (transmitted or not tracker.stalled)
+            and not self._same(dt)
+        ):
             tracker.stalled, tracker.false, tracker._dt = False, 0.0, dt
             self._all_taken, self._dt = True, dt
             return True

@@ -45,17 +45,17 @@ class SentTracker:
         self._unsent = [0.0] * len(applied)  # s since one was taken
         self.stalled, self.false = False, 0.0
 
-    def compare(self, sent: list[float], applied: list[float], left: bool, dt: float) -> list[int]:
+    def compare(self, sent: list[float], applied: list[float], transmitted: bool, dt: float) -> list[int]:
         """Returns the elements that part from the guard: it must begin anew there, at their `restart_at`.
 
         Args:
             sent: what was sent; NaN before the first command.
             applied: what the guard applied in the cycle before.
-            left: a command has left since the last call.
+            transmitted: a command was transmitted since the last call.
             dt: s since the cycle before.
         """
         dt_before, self._dt = self._dt, dt
-        if sent == applied and dt <= self._timeout and (left or not self.stalled):
+        if sent == applied and dt <= self._timeout and (transmitted or not self.stalled):
             self.all_taken(applied, dt)
             return []
         restart_at, unsent, parted = list(self.restart_at), list(self._unsent), []
@@ -63,23 +63,24 @@ class SentTracker:
         self.stalled, wrong = False, False
         for i, (s, a, before, r) in enumerate(zip(sent, applied, self._previous, self._resolution, strict=True)):
             near, late = abs(s - a) <= r, abs(s - before) <= r  # False for NaN
-            false = left and isfinite(s) and not (near or late) and abs(s - self._given(i, s, low[i], high[i])) > r
+            other = transmitted and isfinite(s) and not (near or late)
+            false = other and abs(s - self._given(i, s, low[i], high[i])) > r
             if false:
-                # A command left, and this wasn't it: the report says nothing. The guard goes on from its own state, as
-                # else a stop would begin anew with each report.
+                # A command was transmitted, and this wasn't it: the report says nothing. The guard goes on from its own
+                # state, as else a stop would begin anew with each report.
                 wrong, unsent[i], low[i], high[i] = True, dt, a, a
                 continue
             # A device that rounds may hold what is applied without being sent anything. But in a stall, being near
             # to what was sent shows nothing, as the guard has begun there: until a command leaves, it isn't taken.
             spare = r + rounding(a)
-            taken = (abs(s - a) <= spare or abs(s - before) <= spare) and (left or unsent[i] <= self._timeout)
+            taken = (abs(s - a) <= spare or abs(s - before) <= spare) and (transmitted or unsent[i] <= self._timeout)
             if taken:
                 unsent[i] = dt if near else dt + dt_before
                 low[i], high[i] = (a, a) if near else (min(a, before), max(a, before))
             else:
                 unsent[i] += dt
-            stalled, limited = unsent[i] > self._timeout, left and isfinite(s) and not (near or late)
-            if left and isfinite(s):
+            stalled, limited = unsent[i] > self._timeout, other
+            if transmitted and isfinite(s):
                 restart_at[i] = self._given(i, s, low[i], high[i])
                 if limited:  # from there it goes on, so what was applied before can't be sent any more
                     low[i] = high[i] = restart_at[i]
@@ -89,7 +90,7 @@ class SentTracker:
         previous = list(applied)
         for i in parted:
             previous[i] = nan
-        self.false = self.false + dt if wrong else max(self.false - dt, 0.0) if left else self.false
+        self.false = self.false + dt if wrong else max(self.false - dt, 0.0) if transmitted else self.false
         self.restart_at, self._low, self._high, self._previous, self._unsent = restart_at, low, high, previous, unsent
         return parted
 

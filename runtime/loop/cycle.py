@@ -34,13 +34,10 @@ from srl.runtime.ipc.header import (
 )
 from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
 from srl.runtime.loop.backends import Backends
-from srl.runtime.loop.clearance_monitor import ClearanceMonitor
-from srl.runtime.loop.command_delivery import CommandDelivery
-from srl.runtime.loop.fault_finder import FaultFinder
-from srl.runtime.loop.feedback import Feedback
+from srl.runtime.loop.faults import FaultFinder, Feedback
 from srl.runtime.loop.guards import make_guards
 from srl.runtime.loop.machine import Fault, Machine, OverrunCounter
-from srl.runtime.loop.reset_inputs import ResetInputs
+from srl.runtime.loop.monitors import ClearanceMonitor, CommandDelivery, ResetInputs
 from srl.runtime.profile.graph import Actuator, Graph
 
 TIMEOUT = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
@@ -204,7 +201,7 @@ class Cycle:
 
         In a stop only those that hold its weight go on, with that alone.
         """
-        self._delivery.tell(self._ints.item(_DT) * 1e-9)
+        self._delivery.update(self._ints.item(_DT) * 1e-9)
         if (device := self._delivery.stalled()) >= 0 and self.machine.state is State.ACTIVE:
             self.report(f"'{self.graph.devices[device].name}' has taken no commands as they are for too long")
             self.machine.stop(Fault(Cause.DEVICE_FAULT, device))

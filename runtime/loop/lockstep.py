@@ -14,7 +14,7 @@ from srl.runtime.ipc.requests import Request, RequestKind
 from srl.runtime.loop.cycle import Cycle
 from srl.runtime.loop.device import Device
 from srl.runtime.loop.guards import limits_of
-from srl.runtime.loop.release import release
+from srl.runtime.loop.loop import release
 from srl.runtime.profile.graph import Graph
 
 

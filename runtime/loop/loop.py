@@ -7,16 +7,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
+from srl.runtime.contracts.signals import Stop
 from srl.runtime.ipc.header import CYCLE, Cause, Origin, State
 from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, RequestKind
 from srl.runtime.ipc.ring import RingWriter
 from srl.runtime.loop.clock import Clock
-from srl.runtime.loop.cycle import Cycle
+from srl.runtime.loop.cycle import Cycle, by_itself
 from srl.runtime.loop.device import Device
-from srl.runtime.loop.refusals import Refusals, described, refusal
-from srl.runtime.loop.release import release
+from srl.runtime.loop.monitors import Refusals, described, refusal
 from srl.runtime.loop.request_queue import PendingRequest, RequestQueue
 from srl.runtime.profile.graph import Graph
 
@@ -24,6 +24,7 @@ _TICK = slice(CYCLE.cycle, CYCLE.wake + 1)  # cycle, now, dt, deadline, wake
 _READ, _CONTROL, _GUARD, _WRITE, _LOG = CYCLE.read, CYCLE.control, CYCLE.guard, CYCLE.write, CYCLE.log
 _OVERRUNS, _NOW, _REFUSED = CYCLE.overruns, CYCLE.now, CYCLE.refused
 _ENDED = State.ENDED
+_STOPS = (State.STOPPING, State.STOPPED)  # named once: looking a member up takes longer than comparing it
 _KIND, _RESULT, _ORIGIN = CYCLE.request_kind, CYCLE.request_result, CYCLE.request_origin
 
 
@@ -147,3 +148,20 @@ class Loop:
     def fault_source(self) -> str:
         """The name of the part that caused the stop, or an empty text."""
         return self.graph.layout.fault_source(self.cycle.machine.cause, self.cycle.machine.fault_source)
+
+
+def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
+    """Once a stop has begun, tells such devices so, in each cycle; returns those that were told and are still there."""
+    if cycle.machine.state not in _STOPS:
+        return []
+    reported = []
+    for device in devices:
+        if device.active or device.lost:
+            continue
+        for actuator in device.actuators:
+            category = cycle.category(actuator)
+            if category is Stop.LIMP or by_itself(actuator, category):
+                device.stop(category, now)
+                if not device.lost:
+                    reported.append(device)
+    return reported

@@ -22,7 +22,7 @@ from srl.runtime.ipc.header import CLIENTS, DEVICE, LINK_CONNECTED, Cause, Latch
 from srl.runtime.ipc.requests import Answer, Request, RequestKind, RequestReader, permitted
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.loop.control_end import ControlEnd, Datagram
-from srl.runtime.loop.rate import TokenBucket
+from srl.runtime.loop.monitors import TokenBucket
 from srl.runtime.profile.graph import Graph
 
 _MOVES = {"start": RequestKind.START, "reset": RequestKind.RESET}

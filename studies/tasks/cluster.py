@@ -163,7 +163,9 @@ def _check(client: Any, trials: Mapping[str, Mapping[str, str]], say: Callable[[
     end = time.monotonic() + CONNECT
     while not client.nthreads():
         if time.monotonic() > end:
-            raise RequestError(f"--on {client.scheduler.address}", "it has no workers", "Start some: docs/studies/trials.md")
+            raise RequestError(
+                f"--on {client.scheduler.address}", "it has no workers", "Start some: docs/studies/trials.md"
+            )
         time.sleep(0.1)
     found: dict[str, list[str]] = {}
     # A function of ours can't be sent to a worker that doesn't have it: that shows as an error of deserialization.

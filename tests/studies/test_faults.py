@@ -21,7 +21,7 @@ from srl.runtime.guard.position import PositionGuard
 from srl.runtime.ipc.header import Origin, State
 from srl.runtime.ipc.requests import Request, RequestKind
 from srl.runtime.loop.cycle import Cycle
-from srl.runtime.loop.fault_finder import FaultFinder
+from srl.runtime.loop.faults import FaultFinder
 from srl.runtime.testing.faults import FAULTS
 from srl.studies.faults import live_run, process_trial, study, wire_trial
 from srl.studies.faults.device_faults import JUMPS, KINDS, LATE

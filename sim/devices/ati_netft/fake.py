@@ -7,9 +7,8 @@ from pydantic import Field
 
 from srl.drivers.ati_netft import AtiNetFt
 from srl.drivers.ati_netft.config import AtiNetFtConfig
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions
 
 COUNTS = 1_000_000  # per N and per N m, the usual values
@@ -32,10 +31,10 @@ class FakeAtiNetFt(ForceTorqueFake):
 
     Options = FakeAtiNetFtOptions
     real = AtiNetFt
+    options: FakeAtiNetFtOptions
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: AtiNetFtConfig, world: World, options: FakeAtiNetFtOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, AtiNetFtConfig)
         self._biases = config.bias
 
     def open(self) -> None:

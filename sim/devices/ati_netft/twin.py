@@ -5,8 +5,7 @@ from __future__ import annotations
 from srl.drivers.ati_netft.protocol import Record, Request, parse_request, record
 from srl.drivers.ati_netft.status import LATCHED, SATURATED, family
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import Fake
-from srl.sim.devices.ati_netft.fake import COUNTS, FakeAtiNetFt, FakeAtiNetFtOptions
+from srl.sim.devices.ati_netft.fake import COUNTS, FakeAtiNetFt
 from srl.sim.devices.ati_netft.twin_pages import Commands, Pages
 from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 
@@ -25,11 +24,9 @@ class AtiNetFtTwin(SocketTwin):
         threshold: N; a larger force sets the latch. None: never.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeAtiNetFt)
+    def __init__(self, fake: FakeAtiNetFt) -> None:
         super().__init__(fake)
         options = fake.options
-        assert isinstance(options, FakeAtiNetFtOptions)
         self.sensor = fake
         self.trouble = 0
         self.threshold: float | None = None
@@ -49,26 +46,21 @@ class AtiNetFtTwin(SocketTwin):
         self._start()
 
     def doors(self) -> list[TcpDoor | UdpDoor]:
-        """See `SocketTwin.doors`."""
         return [self.records, self.http, self.tcp]
 
     def open(self) -> None:
-        """See `Twin.open`."""
         for door, port in zip(self.doors(), self._ports, strict=True):
             if not door.port:
                 door.open(port)
         super().open()
 
     def describe(self) -> str:
-        """See `SocketTwin.describe`."""
         return f"{self.records.address}?http={self.http.port}&tcp={self.tcp.port}"
 
     def opened(self) -> None:
-        """See `SocketTwin.opened`."""
         self._start()
 
     def work(self, now: int) -> None:
-        """See `SocketTwin.work`."""
         for data, peer in self.records.read():
             self._obey(data, peer)
         self._serve()

@@ -11,9 +11,8 @@ from pydantic import AfterValidator, Field
 from srl.drivers.base import BaseConfig, MobileBase, protocol
 from srl.drivers.base.config import TOP_SPEED, TOP_TURN
 from srl.drivers.base.driver import COMMAND, FARTHEST, PRESSED
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.signals import Array, Stop
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
 from srl.sim.devices.shared.windows import Windows, inside, rising
 from srl.sim.parts.robots.summit_xl import SummitXlPart
@@ -43,11 +42,10 @@ class FakeBase(SampledFake):
 
     Options = FakeBaseOptions
     real = MobileBase
+    config: BaseConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: BaseConfig, world: World, options: FakeBaseOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, BaseConfig)
-        assert isinstance(options, FakeBaseOptions)
         self._config, self._options = config, options
         self.clock = options.clock
         top = self.limits[COMMAND].velocity

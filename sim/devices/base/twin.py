@@ -7,8 +7,7 @@ import os
 import time
 from typing import Any, Final
 
-from srl.drivers.base import BaseConfig, protocol
-from srl.runtime.contracts.world import Fake
+from srl.drivers.base import protocol
 from srl.runtime.messages import attachment, cdr
 from srl.sim.devices.base.fake import FakeBase
 from srl.sim.devices.shared.sockets import SocketTwin
@@ -34,10 +33,8 @@ class BaseTwin(SocketTwin):
     controller's limits are clipped.
     """
 
-    def __init__(self, fake: Fake) -> None:
+    def __init__(self, fake: FakeBase) -> None:
         super().__init__(fake)
-        assert isinstance(fake, FakeBase)
-        assert isinstance(fake.config, BaseConfig)
         self._fake, self._config = fake, fake.config
         self._kind = protocol.TWIST if fake.config.message == "Twist" else protocol.TWIST_STAMPED
         self._command = self._key(fake.config.command, self._kind)
@@ -56,21 +53,18 @@ class BaseTwin(SocketTwin):
         self._sender = os.urandom(16)
 
     def doors(self) -> list[Any]:
-        """See `SocketTwin.doors`."""
         return [self.door]
 
     def opened(self) -> None:
-        """See `SocketTwin.opened`."""
         self._wall = time.time_ns() - time.monotonic_ns() + self._ahead
         self._last = self._fake.newest()
 
     def service(self, now: int) -> None:
-        """See `Twin.service`. The base's own time-out also works without its network."""
+        """The base's own time-out also works without its network."""
         super().service(now)
         self._fake.watch()
 
     def work(self, now: int) -> None:
-        """See `SocketTwin.work`."""
         for arrival in self.door.read():
             self._obey(arrival, now)
         newest = self._fake.newest()
@@ -90,7 +84,7 @@ class BaseTwin(SocketTwin):
             self._send(self._emergency, cdr.encode(protocol.BOOL, {"data": self._fake.pressed()}), now + self._wall)
 
     def metrics(self) -> dict[str, object]:
-        """See `Twin.metrics`; adds the numbers of commands obeyed and refused."""
+        """Adds the numbers of commands obeyed and refused."""
         return super().metrics() | {"commands": self.commands, "refused": self.refused}
 
     def _obey(self, arrival: Arrival, now: int) -> None:

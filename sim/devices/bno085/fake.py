@@ -11,10 +11,10 @@ from pydantic import Field
 from srl.drivers.bno085 import Bno085, Bno085Config
 from srl.drivers.bno085.protocol import WRAP, Record
 from srl.drivers.bno085.reading import MG, Reading
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.rotation import euler_angles, matrices, normalised
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.inertial import HALF, InertialFake, InertialOptions
 
 _LARGEST: Final = 32767  # of an int16
@@ -37,10 +37,8 @@ class FakeBno085(Sensor, InertialFake):
     Options = FakeBno085Config
     real = Bno085
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: Bno085Config, world: World, options: FakeBno085Config) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, Bno085Config)
-        assert isinstance(options, FakeBno085Config)
         self._options, self._order = options, config.order
         self._reading = Reading(config.order)
         self.noise_scale = np.array([HALF] * 4 + [0.0] * 3)

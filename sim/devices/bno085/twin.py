@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from srl.drivers.bno085.protocol import encode
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.bno085.fake import FakeBno085, record
 from srl.sim.devices.shared.serial import SerialTwin
 
@@ -19,8 +18,7 @@ class Bno085Twin(SerialTwin):
     After `restart` the index begins at 0 again, behind the text that the sensor sends when it starts.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeBno085)
+    def __init__(self, fake: FakeBno085) -> None:
         super().__init__(fake)
         self.imu = fake
         self._sent = -1  # number of the newest sample

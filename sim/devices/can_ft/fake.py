@@ -11,9 +11,8 @@ from pydantic import Field
 from srl.drivers.can_ft import CanFt
 from srl.drivers.can_ft.driver import CanFtConfig
 from srl.drivers.can_ft.protocol import DIVISORS
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions, Range
 
 _REMEMBERED = 0.9  # s of past samples that the filter uses; a sample is kept for 1 s
@@ -38,10 +37,9 @@ class FakeCanFt(ForceTorqueFake):
 
     Options = FakeCanFtOptions
     real = CanFt
+    config: CanFtConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
-        assert isinstance(config, CanFtConfig)
-        assert isinstance(options, FakeCanFtOptions)
+    def __init__(self, name: str, config: CanFtConfig, world: World, options: FakeCanFtOptions) -> None:
         super().__init__(name, config, world, options.model_copy(update={"rate": float(config.rate)}))
         self.model, self.serial = options.model, options.serial
         per_force, per_torque = DIVISORS[options.model]
@@ -77,7 +75,7 @@ class FakeCanFt(ForceTorqueFake):
             self._last = self.newest()
 
     def arriving(self, number: int) -> Array:
-        """See `SampledFake.arriving`; filtered with a first-order low-pass."""
+        """Filtered with a first-order low-pass."""
         if self.cutoff == 0:
             return super().arriving(number)
         # Computed again from the stored samples, so that the filter has no state to save.

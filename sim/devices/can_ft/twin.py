@@ -6,9 +6,7 @@ from collections.abc import Callable
 
 import can
 
-from srl.drivers.can_ft.driver import CanFtConfig
 from srl.drivers.can_ft.protocol import AXES, CUTOFFS, FRAME, RATES, Command, Record, record, response
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.can_ft.fake import FakeCanFt
 from srl.sim.devices.shared.can import CanTwin
 
@@ -24,11 +22,9 @@ class CanFtTwin(CanTwin):
     and BIAS.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeCanFt)
+    def __init__(self, fake: FakeCanFt) -> None:
         super().__init__(fake)
         config = fake.config
-        assert isinstance(config, CanFtConfig)
         self.sensor = fake
         self._ids = config.ids
         self._default_rate = RATES[0]
@@ -56,7 +52,7 @@ class CanFtTwin(CanTwin):
     # -- life cycle
 
     def power_up(self) -> None:
-        """See `CanTwin`: changed ids take effect, everything else is reset."""
+        """Changed ids take effect, everything else is reset."""
         self._ids = self._pending
         self._streaming = False
         self._rate_code, self._filter = 0, (0, 0)
@@ -67,13 +63,12 @@ class CanFtTwin(CanTwin):
         self._sent = self.sensor.newest()
 
     def take(self, message: can.Message, now: int) -> None:
-        """See `CanTwin`."""
         data = bytes(message.data)
         if message.arbitration_id == self._ids[0] and len(data) == FRAME and not message.is_extended_id:
             self._obey(data)
 
     def idle(self) -> None:
-        """See `CanTwin`: what it doesn't send is lost."""
+        """What it doesn't send is lost."""
         self._sent = self.sensor.newest()
 
     def metrics(self) -> dict[str, object]:
@@ -110,7 +105,7 @@ class CanFtTwin(CanTwin):
             self._send(response(code, self._answers[code](data[1:])))
 
     def work(self, now: int) -> None:
-        """See `CanTwin`: streams."""
+        """Streams."""
         newest = self.sensor.newest()
         begin = max(self._sent + 1, newest - int(_CATCH_UP * self.sensor.rate))
         self._sent = max(self._sent, newest)

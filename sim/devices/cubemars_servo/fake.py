@@ -13,16 +13,15 @@ class FakeCubemarsServo(FakeDrives):
     """See `FakeDrives`."""
 
     real = CubemarsServo
+    config: CubemarsServoConfig
     nodes: list[ServoNode]  # type: ignore[assignment]
 
     def node(self, k: int, i: int) -> ServoNode:
-        config = self.config
-        assert isinstance(config, CubemarsServoConfig)
-        axis = list(config.axes.values())[k]
+        axis = list(self.config.axes.values())[k]
         if self.chain.models[i].name != axis.model:
             raise WiringError(
                 f"sim.parts.{self.chain.name}.axes.{self.chain.names[i]}.model",
                 f"it is an {self.chain.models[i].name}, devices.{self.name} says {axis.model}",
                 "Make them agree",
             )
-        return ServoNode(self.chain, i, axis, config)
+        return ServoNode(self.chain, i, axis, self.config)

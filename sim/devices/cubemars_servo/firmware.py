@@ -55,12 +55,12 @@ class ServoNode(Node):
         motors.switch(i, True)
 
     def power_up(self) -> None:
-        """See `Node`: the turns that its encoder can't tell are lost."""
+        """The turns that its encoder can't tell are lost."""
         self.motors.power_up(self.i)
         self._restart()
 
     def take(self, message: can.Message, now: int) -> Sequence[can.Message]:
-        """See `Node`. It never answers: its status comes by itself."""
+        """It never answers: its status comes by itself."""
         mode, number = protocol.split(message.arbitration_id)
         data = bytes(message.data)
         if not message.is_extended_id or number != self.id or mode not in Mode.__members__.values():
@@ -134,7 +134,6 @@ class ServoNode(Node):
                 motors.goal[i], motors.speed[i] = self._place, self._pace
 
     def due(self, now: int) -> Sequence[can.Message]:
-        """See `Node`."""
         if now >= 0:
             self._run(now)
             if self._sent >= 0 and 0 <= now - self._sent < self._period:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.cubemars_servo.fake import FakeCubemarsServo
 from srl.sim.devices.cubemars_servo.firmware import ServoNode
 from srl.sim.devices.shared.can_drives import DrivesTwin
@@ -13,6 +12,5 @@ class CubemarsServoTwin(DrivesTwin):
 
     nodes: list[ServoNode]  # type: ignore[assignment]
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeCubemarsServo)
+    def __init__(self, fake: FakeCubemarsServo) -> None:
         super().__init__(fake)

@@ -13,7 +13,7 @@ from srl.drivers.cyberglove import CyberGlove, calibration
 from srl.drivers.cyberglove.calibration import Calibration
 from srl.drivers.cyberglove.driver import CyberGloveConfig
 from srl.drivers.cyberglove.protocol import LABELS, LABELS_22
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceLostError, ProfileError, nearest
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
@@ -57,10 +57,8 @@ class FakeCyberGlove(Sensor, Fake):
     Options = FakeCyberGloveConfig
     real = CyberGlove
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: CyberGloveConfig, world: World, options: FakeCyberGloveConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, CyberGloveConfig)
-        assert isinstance(options, FakeCyberGloveConfig)
         self.hand = require_cell(world, name).part(HumanHandPart, name, options.part)
         self._config, self._options = config, options
         self._of_hand = GLOVE_OF_HAND[[LABELS_22.index(label) for label in LABELS[config.sensors]]]

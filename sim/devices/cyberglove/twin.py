@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.cyberglove.fake import FakeCyberGlove
 from srl.sim.devices.cyberglove.twin_commands import Commands
 from srl.sim.devices.shared.dialing import DialingDoor
@@ -28,8 +27,7 @@ class CyberGloveTwin(SerialTwin):
             bit 0).
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeCyberGlove)
+    def __init__(self, fake: FakeCyberGlove) -> None:
         super().__init__(fake)
         self.glove = fake
         if fake.config.port.startswith("tcp-listen://"):  # type: ignore[attr-defined]

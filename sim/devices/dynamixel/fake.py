@@ -13,7 +13,6 @@ from srl.drivers.dynamixel.config import AxisConfig, DynamixelConfig
 from srl.drivers.dynamixel.family import Family, Family2, family
 from srl.drivers.dynamixel.faults import BEYOND, FAR, Faults
 from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array, Kind, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
@@ -50,11 +49,10 @@ class FakeDynamixel(Fake):
 
     Options = FakeDynamixelConfig
     real = Dynamixel
+    config: DynamixelConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: DynamixelConfig, world: World, options: FakeDynamixelConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, DynamixelConfig)
-        assert isinstance(options, FakeDynamixelConfig)
         if not isinstance(world, Cell):
             raise WiringError(
                 f"sim.devices.{name}",
@@ -81,7 +79,6 @@ class FakeDynamixel(Fake):
         return self.chain.measure()
 
     def looks(self) -> Array:
-        """See `Fake.looks`."""
         return self.chain.angles()[self._of]
 
     # -- life cycle

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from typing import Final
 
 from srl.drivers.dynamixel import protocol1, protocol2
-from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import RETURN_DELAY
 from srl.drivers.dynamixel.packets import BROADCAST, Instruction
 from srl.drivers.dynamixel.table import baud_code, baudrate
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.dynamixel.fake import REBOOT, FakeDynamixel
 from srl.sim.devices.dynamixel.twin_line import ServoLine
 from srl.sim.devices.dynamixel.twin_registers import Registers
@@ -30,12 +28,10 @@ class DynamixelTwin(ServoLine):
         fast: whether fast sync reads are answered, as other families do; an MX doesn't answer.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeDynamixel)
+    def __init__(self, fake: FakeDynamixel) -> None:
         super().__init__(fake)
         self.bus = fake
         config = fake.config
-        assert isinstance(config, DynamixelConfig)
         self.protocol: int = config.protocol
         code = baud_code(config.baudrate, config.protocol)
         assert code is not None

@@ -14,7 +14,6 @@ from srl.drivers.feetech.config import FeetechConfig
 from srl.drivers.feetech.faults import FeetechFaults, Watch
 from srl.drivers.feetech.table import END, TABLE
 from srl.drivers.feetech.units import CURRENT, VOLT, FeetechUnits
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
@@ -50,11 +49,10 @@ class FakeFeetech(Fake):
 
     Options = FakeFeetechConfig
     real = Feetech
+    config: FeetechConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: FeetechConfig, world: World, options: FakeFeetechConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, FeetechConfig)
-        assert isinstance(options, FakeFeetechConfig)
         self._config, self._options = config, options
         self.chain = require_cell(world, name).part(FeetechChain, name, options.part)
         self.numbers = numbers(self.chain, config.motors, name)
@@ -72,7 +70,6 @@ class FakeFeetech(Fake):
         return self.chain.measure()
 
     def looks(self) -> Array:
-        """See `Fake.looks`."""
         return self.chain.angles()[self._of]
 
     # -- life cycle

@@ -6,10 +6,8 @@ from typing import Any, Final
 
 from srl.drivers.dynamixel.packets import Instruction
 from srl.drivers.feetech import protocol
-from srl.drivers.feetech.config import FeetechConfig
 from srl.drivers.feetech.table import BAUDS
 from srl.drivers.feetech.units import RETURN_DELAY
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.dynamixel.twin_line import ServoLine
 from srl.sim.devices.feetech.fake import FakeFeetech
 from srl.sim.devices.feetech.twin_servo import Servo
@@ -33,12 +31,10 @@ class FeetechTwin(ServoLine):
         servos: in the order of the profile's motors.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeFeetech)
+    def __init__(self, fake: FakeFeetech) -> None:
         super().__init__(fake)
         self.bus = fake
         config = fake.config
-        assert isinstance(config, FeetechConfig)
         motors = fake.chain.motors
         fake.chain.measure()
         self.servos = [

@@ -13,7 +13,6 @@ from pydantic import AfterValidator, ConfigDict, Field
 from srl.drivers.firmata import Firmata
 from srl.drivers.firmata.config import Calibration, FirmataConfig
 from srl.drivers.firmata.driver import COMMAND
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array, Stop
@@ -74,11 +73,10 @@ class FakeFirmata(Fake):
 
     Options = FakeFirmataConfig
     real = Firmata
+    config: FirmataConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: FirmataConfig, world: World, options: FakeFirmataConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, FirmataConfig)
-        assert isinstance(options, FakeFirmataConfig)
         real = Firmata(name, config)
         self._options = options
         self._calibrations = real.calibrations
@@ -122,7 +120,6 @@ class FakeFirmata(Fake):
         self._truth = (*self._truth[:i], true, *self._truth[i + 1 :])
 
     def looks(self) -> Array:
-        """See `Fake.looks`."""
         angles = self.servos.angles()
         return np.array([angles[name] for name in self._turns])
 

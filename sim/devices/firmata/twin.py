@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.drivers.firmata.config import FirmataConfig
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.firmata.fake import FakeFirmata
 from srl.sim.devices.firmata.standard_firmata import BOOT, StandardFirmata
 from srl.sim.devices.shared.serial import SerialTwin
@@ -24,13 +22,11 @@ class FirmataTwin(SerialTwin):
         boot_delay: s of the twin's clock; a real Uno takes 1.6 to 3.
     """
 
-    def __init__(self, fake: Fake, boot_delay: float = 0.05) -> None:
-        assert isinstance(fake, FakeFirmata)
+    def __init__(self, fake: FakeFirmata, boot_delay: float = 0.05) -> None:
         super().__init__(fake)
         self.board = fake
         self.boot_delay = boot_delay
         config = fake.config
-        assert isinstance(config, FirmataConfig)
         self._joints = tuple(config.servos)
         self._servo_of = {servo.pin: i for i, servo in enumerate(config.servos.values())}
         self._buttons = {button.pin: (i, button.pull_up) for i, button in enumerate(config.buttons.values())}
@@ -96,7 +92,7 @@ class FirmataTwin(SerialTwin):
     # -- what is connected to the board's pins
 
     def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None:
-        """See `Wires`. A pin that isn't a servo of the profile drives nothing."""
+        """A pin that isn't a servo of the profile drives nothing."""
         joint = self._servo_of.get(pin)
         if joint is not None:
             self.board.attach(joint, min_us, max_us)
@@ -105,21 +101,19 @@ class FirmataTwin(SerialTwin):
             self._note(joint, pulse_us)
 
     def servo_pulse(self, pin: int, pulse_us: int) -> None:
-        """See `Wires`."""
         joint = self._servo_of.get(pin)
         if joint is not None:
             self.board.set_pulse(joint, pulse_us)
             self._note(joint, pulse_us)
 
     def servo_detached(self, pin: int) -> None:
-        """See `Wires`."""
         joint = self._servo_of.get(pin)
         if joint is not None and self._pulses[joint] is not None:
             self.board.detach(joint)
             self._note(joint, None)
 
     def level(self, pin: int, pull_up: bool) -> bool:
-        """See `Wires`. A button connects its pin to ground; a pin without a pull-up reads 0."""
+        """A button connects its pin to ground; a pin without a pull-up reads 0."""
         if pin not in self._buttons:
             return pull_up
         number, board_pulls = self._buttons[pin]

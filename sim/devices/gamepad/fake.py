@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, field_validator
 
 from srl.drivers.gamepad import Gamepad, GamepadConfig
 from srl.drivers.gamepad.driver import AXES, BUTTONS
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
@@ -49,10 +49,8 @@ class FakeGamepad(Sensor, Fake):
     Options = FakeGamepadConfig
     real = Gamepad
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: GamepadConfig, world: World, options: FakeGamepadConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, GamepadConfig)
-        assert isinstance(options, FakeGamepadConfig)
         self._dead_zone, self.script = config.dead_zone, options
         self._held: dict[str, float] = {}
         # A worn stick rests near its centre, always at the same place.

@@ -6,7 +6,6 @@ from typing import Final
 
 from srl.drivers.evdev import AxisInfo, Description
 from srl.drivers.gamepad.driver import BUTTONS, D_MODE, HAT, STICKS, TRIGGERS, VENDOR, X_MODE
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.gamepad.fake import FakeGamepad
 from srl.sim.devices.shared.evdev import EventTwin
 
@@ -16,14 +15,13 @@ _STICK: Final = (-32768, 32767, 16, 128)  # minimum, maximum, fuzz, flat
 class GamepadTwin(EventTwin):
     """Sends the pad's events. Attribute `d_mode`: the switch on its back is at D."""
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeGamepad)
+    def __init__(self, fake: FakeGamepad) -> None:
         super().__init__(fake)
         self.pad = fake
         self.d_mode = False
 
     def describe(self) -> Description:
-        """See `EventTwin`; in D mode only its numbers are simulated."""
+        """In D mode only its numbers are simulated."""
         sticks, dpad, pressed = self.pad.axes(), self.pad.dpad(), self.pad.buttons()
         axes = {}
         for i, code in enumerate(STICKS):

@@ -12,10 +12,10 @@ from pydantic import AfterValidator, Field
 from srl.drivers.lsl import Lsl, LslConfig
 from srl.drivers.lsl.match import Picked
 from srl.drivers.lsl.rows import Rows
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import WiringError, nearest
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import AnyWorldFake, SensorOptions
 from srl.sim.devices.shared.surface_emg import SurfaceEmg, muscles
 from srl.sim.devices.shared.windows import Windows, inside, rising
@@ -53,10 +53,8 @@ class FakeLsl(Sensor, AnyWorldFake):
     Options = FakeLslOptions
     real = Lsl
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: LslConfig, world: World, options: FakeLslOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, LslConfig)
-        assert isinstance(options, FakeLslOptions)
         self.stream, self._options = config, options
         self.rate = config.rate or options.rate
         self._latency = round(config.latency * 1e9)

@@ -16,7 +16,7 @@ from srl.drivers.lsl.units import factor
 from srl.runtime.contracts.errors import HostError, RequestError
 from srl.runtime.contracts.exposure import refuse_strangers
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import Fake, Twin
+from srl.runtime.contracts.world import Twin
 from srl.sim.devices.lsl.fake import FakeLsl
 from srl.sim.devices.shared.windows import Plug
 
@@ -35,9 +35,8 @@ class LslTwin(Twin):
         stamp_error: s, added to its stamps.
     """
 
-    def __init__(self, fake: Fake) -> None:
+    def __init__(self, fake: FakeLsl) -> None:
         super().__init__(fake)
-        assert isinstance(fake, FakeLsl)
         self._fake, self._config = fake, fake.stream
         self.muted = False
         self.uids: list[str] = []
@@ -52,10 +51,8 @@ class LslTwin(Twin):
         self._columns = fake.columns
 
     def open(self) -> None:
-        """See `Twin.open`.
-
-        Raises:
-            HostError: pylsl isn't installed, or other machines could reach it.
+        """Raises:
+        HostError: pylsl isn't installed, or other machines could reach it.
         """
         if importlib.util.find_spec("pylsl") is None:
             raise HostError("the twin of lsl", "the package pylsl isn't installed", "pip install 'srl-runtime[lsl]'")
@@ -70,7 +67,7 @@ class LslTwin(Twin):
         self.address = f"lsl://127.0.0.1:{port}"
 
     def close(self) -> None:
-        """See `Twin.close`; readers see the stream end."""
+        """Readers see the stream end."""
         self._outlet = None
         self.address = ""
 
@@ -80,7 +77,6 @@ class LslTwin(Twin):
         self.open()
 
     def service(self, now: int) -> None:
-        """See `Twin.service`."""
         fake = self._fake
         self._plug.follow(self.close, self.open)
         newest = fake.newest()
@@ -99,7 +95,7 @@ class LslTwin(Twin):
             self._sent += len(chunk)
 
     def metrics(self) -> dict[str, object]:
-        """See `Twin.metrics`: samples sent, and whether anybody reads."""
+        """Samples sent, and whether anybody reads."""
         return {"sent": self._sent, "read": self._outlet is not None and bool(self._outlet.have_consumers())}
 
     def _sender(self, values: Array) -> list[float]:

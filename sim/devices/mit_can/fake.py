@@ -11,7 +11,6 @@ from pydantic import AfterValidator, Field
 from srl.drivers.canbus import CanLink
 from srl.drivers.mit_can import MitCan
 from srl.drivers.mit_can.config import MitCanConfig
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
@@ -49,10 +48,8 @@ class FakeMitCan(Fake):
     Options = FakeMitCanConfig
     real = MitCan
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: MitCanConfig, world: World, options: FakeMitCanConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, MitCanConfig)
-        assert isinstance(options, FakeMitCanConfig)
         self._options = options
         self.chain = require_cell(world, name).part(ActuatorChain, name, options.part)
         self.numbers = numbers(self.chain, config.motors, name)
@@ -94,7 +91,6 @@ class FakeMitCan(Fake):
         return drives
 
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
-        """See `Driver.bind`."""
         self._driver.bind(states, commands)
         self.state_arrays, self.command_arrays = states, commands
         self.sent_arrays = self._driver.sent_arrays
@@ -114,19 +110,15 @@ class FakeMitCan(Fake):
         self._driver.write(now)
 
     def stop(self, category: Stop) -> None:
-        """See `MitCan.stop`."""
         self._driver.stop(category)
 
     def close(self) -> None:
-        """See `MitCan.close`."""
         self._driver.close()
 
     def recover(self, now: int) -> None:
-        """See `MitCan.recover`."""
         self._driver.recover(now)
 
     def metrics(self) -> dict[str, object]:
-        """See `MitCan.metrics`."""
         return self._driver.metrics()
 
     def _check(self) -> None:

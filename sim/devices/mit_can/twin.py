@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import can
 
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.mit_can.fake import FakeMitCan
 from srl.sim.devices.shared.can import CanTwin
 
@@ -12,24 +11,21 @@ from srl.sim.devices.shared.can import CanTwin
 class MitCanTwin(CanTwin):
     """See `CanTwin` and `Drives`."""
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeMitCan)
+    def __init__(self, fake: FakeMitCan) -> None:
         super().__init__(fake)
         self.actuators = fake
         self._loss = ()  # the fake's windows take the drives' power
         self.drives = fake.drives
 
     def power_up(self) -> None:
-        """See `CanTwin`: nothing happens to the drives when their bus appears."""
+        """Nothing happens to the drives when their bus appears."""
 
     def take(self, message: can.Message, now: int) -> None:
-        """See `CanTwin`."""
         answers = self.drives.take(message.arbitration_id, bytes(message.data), bool(message.is_extended_id))
         for id, data, extended in answers:
             self.send(id, data, extended)
 
     def service(self, now: int) -> None:
-        """See `Twin.service`."""
         self.drives = self.actuators.follow()
         super().service(now)
 

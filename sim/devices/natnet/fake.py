@@ -11,9 +11,8 @@ from pydantic import Field
 from srl.drivers.capture.names import Segment, Subject
 from srl.drivers.natnet import NatNet, NatNetConfig
 from srl.drivers.natnet.protocol import Version
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceError
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.cameras import Cameras, CamerasConfig
 from srl.sim.parts.body.body import BodyPart
 
@@ -43,10 +42,8 @@ class FakeNatNet(Cameras):
     Options = FakeNatNetConfig
     real = NatNet
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: NatNetConfig, world: World, options: FakeNatNetConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, NatNetConfig)
-        assert isinstance(options, FakeNatNetConfig)
         self.optitrack, self.motive = config, options
         # In the T-pose Motive's bones have the world's axes, y up and z ahead, as the suit's have; the driver renames
         # those of world and bones.

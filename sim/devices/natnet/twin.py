@@ -15,7 +15,6 @@ from srl.drivers.natnet.model import BodyModel, Model
 from srl.drivers.natnet.protocol import MalformedError, Message, ServerInfo, Version
 from srl.runtime.contracts.rotation import Quaternion, conjugate, turned
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.natnet import twin_frame as encode
 from srl.sim.devices.natnet.fake import FakeNatNet
 from srl.sim.devices.shared.sockets import SocketTwin, UdpDoor
@@ -46,8 +45,7 @@ class NatNetTwin(SocketTwin):
     (edit mode); `disabled`: names of the assets that the operator has switched off.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeNatNet)
+    def __init__(self, fake: FakeNatNet) -> None:
         super().__init__(fake)
         self.motive = fake
         self.offset = 1000

@@ -12,11 +12,11 @@ from srl.drivers.noitom import Noitom, NoitomConfig
 from srl.drivers.noitom.pose import Pose
 from srl.drivers.noitom.protocol import Frame
 from srl.drivers.noitom.skeleton import JOINTS, is_finger
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import WiringError, nearest
 from srl.runtime.contracts.rotation import Quaternion, conjugate, euler_angles, matrices, product, turned
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
 from srl.sim.parts.body.body import BodyPart
 
@@ -51,10 +51,8 @@ class FakeNoitom(Sensor, SampledFake):
     Options = FakeNoitomConfig
     real = Noitom
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: NoitomConfig, world: World, options: FakeNoitomConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, NoitomConfig)
-        assert isinstance(options, FakeNoitomConfig)
         self.suit, self.broadcast = config, options
         self.body = self.cell.part(BodyPart, name, options.part)
         if self.body.skeleton.kind != config.skeleton:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from srl.drivers.noitom.protocol import encode_binary, encode_text
 from srl.drivers.noitom.skeleton import JOINTS
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.noitom.fake import FakeNoitom
 from srl.sim.devices.shared.sockets import SocketTwin, TcpDoor, UdpDoor
 
@@ -25,8 +24,7 @@ class NoitomTwin(SocketTwin):
     to that port of this host (port 0: to a free one), like Axis Studio. It takes no commands and sends no greeting.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeNoitom)
+    def __init__(self, fake: FakeNoitom) -> None:
         super().__init__(fake)
         self.software = fake
         self._tcp, self._udp = TcpDoor(), UdpDoor()

@@ -13,19 +13,18 @@ class FakeOdrive(FakeDrives):
     """See `FakeDrives`."""
 
     real = Odrive
+    config: OdriveConfig
     nodes: list[OdriveNode]  # type: ignore[assignment]
 
     def node(self, k: int, i: int) -> OdriveNode:
-        config = self.config
-        assert isinstance(config, OdriveConfig)
-        axis, gear = list(config.axes.values())[k], self.chain.motors.models[i].gear
+        axis, gear = list(self.config.axes.values())[k], self.chain.motors.models[i].gear
         if axis.gear != gear:
             raise WiringError(
                 f"sim.parts.{self.chain.name}.axes.{self.chain.names[i]}.model",
                 f"its gear is {gear:g}, devices.{self.name} says {axis.gear:g}",
                 "Make them agree",
             )
-        found = OdriveNode(self.chain, i, axis, config)
-        if (endpoints := config.numbers()) is not None:
+        found = OdriveNode(self.chain, i, axis, self.config)
+        if (endpoints := self.config.numbers()) is not None:
             found.fits(endpoints)
         return found

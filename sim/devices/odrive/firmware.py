@@ -81,7 +81,7 @@ class OdriveNode(Node):
         self._integral = 0.0
 
     def power_up(self) -> None:
-        """See `Node`. A motor's encoder counts from 0 where it stands; an axis' own knows its angle within a turn."""
+        """A motor's encoder counts from 0 where it stands; an axis' own knows its angle within a turn."""
         motors, i = self.motors, self.i
         motors.power_up(i)
         if self.axis.encoder == "motor":
@@ -105,7 +105,6 @@ class OdriveNode(Node):
     # -- frames
 
     def take(self, message: can.Message, now: int) -> Sequence[can.Message]:
-        """See `Node`."""
         if message.is_extended_id:
             return ()
         node, command = protocol.split(message.arbitration_id)
@@ -263,7 +262,6 @@ class OdriveNode(Node):
     # -- what it says by itself
 
     def due(self, now: int) -> Sequence[can.Message]:
-        """See `Node`."""
         self._run(now)
         if now < 0:
             return self._heartbeat(), self._estimates()

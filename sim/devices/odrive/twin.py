@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.odrive.fake import FakeOdrive
 from srl.sim.devices.odrive.firmware import OdriveNode
 from srl.sim.devices.shared.can_drives import DrivesTwin
@@ -13,6 +12,5 @@ class OdriveTwin(DrivesTwin):
 
     nodes: list[OdriveNode]  # type: ignore[assignment]
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeOdrive)
+    def __init__(self, fake: FakeOdrive) -> None:
         super().__init__(fake)

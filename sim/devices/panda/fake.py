@@ -12,10 +12,9 @@ from srl.drivers.panda.packets import RobotMode
 from srl.drivers.panda.protocol import Reply, Status
 from srl.drivers.panda.requests import Move
 from srl.drivers.panda.state import Modes, StateReader
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Stop
-from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.runtime.contracts.world import Fake, World
 from srl.sim.devices.panda.robot import TICK, FakePandaConfig, PandaRobot
 from srl.sim.devices.shared.windows import inside, refuse_while_gone
 
@@ -39,10 +38,8 @@ class FakePanda(Fake):
     Options = FakePandaConfig
     real = Panda
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: PandaConfig, world: World, options: FakePandaConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, PandaConfig)
-        assert isinstance(options, FakePandaConfig)
         self.robot = PandaRobot(name, world, options)
         self._config, self._options = config, options
         self._reader = StateReader(self.robot.version)

@@ -64,11 +64,9 @@ class Sensors:
         self._tick += 1
 
     def command(self, mode: Literal["brake", "torque", "position"], values: Array, rates: Array) -> None:
-        """See `ArmPart.command`."""
         self.arm.command(mode, values, rates)
 
     def tell_payload(self, mass: float, com: Array) -> None:
-        """See `ArmPart.tell_payload`."""
         self.arm.tell_payload(mass, com)
 
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections import Counter
 
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.panda.fake import FakePanda
 from srl.sim.devices.panda.robot import Heard
 from srl.sim.devices.panda.twin_requests import Session
@@ -41,8 +40,7 @@ class PandaTwin(SocketTwin):
             answer an older state than the newest.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakePanda)
+    def __init__(self, fake: FakePanda) -> None:
         super().__init__(fake)
         self.robot = fake.robot
         options = fake.robot.options
@@ -60,13 +58,11 @@ class PandaTwin(SocketTwin):
         return [self.commands, self.datagrams]
 
     def open(self) -> None:
-        """See `Twin.open`."""
         if not self.commands.port:
             self.commands.open(self.robot.options.port)
         super().open()
 
     def close(self) -> None:
-        """See `Twin.close`."""
         self._leave()
         super().close()
 
@@ -77,7 +73,6 @@ class PandaTwin(SocketTwin):
         return not self._silent and now - self._sent_at < self._patience
 
     def service(self, now: int) -> None:
-        """See `Twin.service`."""
         super().service(now)
         if not self.commands.is_open or self.muted:
             self._go_on()  # the robot continues without its network

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field
 
 from srl.drivers.replay import Replay, ReplayConfig
 from srl.drivers.replay.driver import Player
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
@@ -28,10 +28,8 @@ class FakeReplay(Sensor, Fake):
     Options = FakeReplayOptions
     real = Replay
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: ReplayConfig, world: World, options: FakeReplayOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, ReplayConfig)
-        assert isinstance(options, FakeReplayOptions)
         self._options = options
         self._player = Player(config, name)
 

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field
 
 from srl.drivers.debounce import Debounced
 from srl.drivers.ring import Ring, RingConfig
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
@@ -36,10 +36,8 @@ class FakeRing(Sensor, Fake):
     Options = FakeRingConfig
     real = Ring
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: RingConfig, world: World, options: FakeRingConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, RingConfig)
-        assert isinstance(options, FakeRingConfig)
         self.script, self.hold = options, config.hold
         self._switch = Debounced(config.debounce)
         self._held = False

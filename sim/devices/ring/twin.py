@@ -24,17 +24,15 @@ def ring_twin(fake: Fake) -> Twin:
 class InputRing(EventTwin):
     """A shutter remote: its key goes down and up. While it is asleep, its device node doesn't exist."""
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeRing)
+    def __init__(self, fake: FakeRing) -> None:
         super().__init__(fake)
         self.ring = fake
 
     def present(self) -> bool:
-        """See `EventTwin`."""
         return not self.ring.asleep()
 
     def describe(self) -> Description:
-        """See `EventTwin`. The remote's own chip has already debounced the key."""
+        """The remote's own chip has already debounced the key."""
         assert isinstance(self.ring.config, RingConfig)
         key = self.ring.config.keys[0]
         pressed = frozenset([key] if self.ring.contact() else [])
@@ -46,8 +44,7 @@ class InputRing(EventTwin):
 class SerialRing(SerialTwin):
     """Sends lines: each edge of the contact, a heartbeat every 100 ms, its name on request."""
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeRing)
+    def __init__(self, fake: FakeRing) -> None:
         super().__init__(fake)
         self.ring = fake
         self._level = 0.0
@@ -58,11 +55,9 @@ class SerialRing(SerialTwin):
         self.door.write(b"V ring1 1\n")
 
     def receive(self, data: bytes, now: int) -> bytes:
-        """See `SerialTwin`."""
         return b"V ring1 1\n" * data.count(ASK)
 
     def work(self, now: int) -> bytes:
-        """See `SerialTwin`."""
         time, level, lines = self.ring.world.time, self.ring.contact(), b""
         if level != self._level:
             self._level = level

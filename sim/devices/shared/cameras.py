@@ -14,10 +14,10 @@ from srl.drivers.capture.config import CaptureConfig
 from srl.drivers.capture.names import Subject
 from srl.drivers.capture.selection import refuse, select
 from srl.drivers.capture.view import View
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceError, WiringError, nearest
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.noise import SampleNoise
 from srl.sim.devices.shared.scene import Scene
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
@@ -53,10 +53,8 @@ class Cameras(Sensor, SampledFake):
 
     Options = CamerasConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: CaptureConfig, world: World, options: CamerasConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, CaptureConfig)
-        assert isinstance(options, CamerasConfig)
         self.wanted, self.seen_by = config, options
         place = f"sim.devices.{name}"
         if options.part is not None:

@@ -36,7 +36,7 @@ class CanTwin(Twin):
         self._unsent = 0
 
     def open(self) -> None:
-        """See `Twin.open`. Raises DeviceError if the bus isn't available."""
+        """Raises DeviceError if the bus isn't available."""
         self.close()
         if self.bus is None:
             # hop_limit 0: the frames stay on this host. A separate port for each twin allows several buses.
@@ -46,14 +46,12 @@ class CanTwin(Twin):
         self.power_up()
 
     def close(self) -> None:
-        """See `Twin.close`."""
         link, self._link = self._link, None
         self.address = ""
         if link is not None:
             link.close()
 
     def service(self, now: int) -> None:
-        """See `Twin.service`."""
         gone = inside(self._loss, self.fake.world.time)
         if gone != self._gone:
             self._gone = gone

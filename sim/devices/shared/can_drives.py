@@ -106,9 +106,8 @@ class FakeDrives(Fake):
     Options = FakeDrivesConfig
     real: ClassVar[type[CanAxes]]
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeDrivesConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(options, FakeDrivesConfig)
         self.drive_options = options
         self.driver = self.real(name, config)  # type: ignore[arg-type]
         self.health, self.limits = self.driver.health, self.driver.limits
@@ -189,15 +188,14 @@ class DrivesTwin(CanTwin):
         nodes: as the fake's.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeDrives)
+    def __init__(self, fake: FakeDrives) -> None:
         super().__init__(fake)
         self.drives, self.nodes = fake, fake.nodes
         self._taken: dict[str, int] = {}
         self._first = True
 
     def power_up(self) -> None:
-        """See `CanTwin`. When it is first opened the drives have power already, and know where they are."""
+        """When it is first opened the drives have power already, and know where they are."""
         if self._first:
             self._first = False
             return

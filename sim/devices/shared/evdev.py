@@ -47,7 +47,6 @@ class EventTwin(Twin):
         return True
 
     def open(self) -> None:
-        """See `Twin.open`."""
         if self._folder is None:
             self._folder = Path(tempfile.mkdtemp(prefix="srl-input-"))
         path = self._folder / "event0"
@@ -75,7 +74,6 @@ class EventTwin(Twin):
                 (self._folder / "event0").unlink()
 
     def close(self) -> None:
-        """See `Twin.close`."""
         self.close_node()
         self.address = ""
         folder, self._folder = self._folder, None
@@ -83,7 +81,6 @@ class EventTwin(Twin):
             shutil.rmtree(folder, ignore_errors=True)
 
     def service(self, now: int) -> None:
-        """See `Twin.service`."""
         gone = inside(self._windows, self.fake.world.time) or not self.present()
         if gone != self._in_window:
             self._in_window = gone

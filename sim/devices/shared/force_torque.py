@@ -12,7 +12,7 @@ from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.per_element import PerElement, Positive
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.terms import WRENCH
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
 from srl.sim.parts.things.ft_sensor import FtSensorPart, Vector6
 
@@ -41,9 +41,8 @@ class ForceTorqueFake(Sensor, SampledFake):
     Options = ForceTorqueOptions
     noise_scale = np.array([1.0] * 3 + [TORQUE_NOISE] * 3)
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: ForceTorqueOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(options, ForceTorqueOptions)
         self._offset = np.array(options.offset)
         self.range: Array = np.array(options.range)
         self._least = -self.range

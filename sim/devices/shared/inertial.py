@@ -8,11 +8,10 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from srl.drivers.serial_imu import SerialImuConfig, expire
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.per_element import Finite, PerElement
 from srl.runtime.contracts.rotation import exp, from_rpy, product
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
 from srl.sim.devices.shared.windows import Windows, inside, rising
 from srl.sim.parts.things.imu import ImuPart
@@ -41,10 +40,8 @@ class InertialFake(SampledFake):
 
     Options = InertialOptions
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: SerialImuConfig, world: World, options: InertialOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(options, InertialOptions)
-        assert isinstance(config, SerialImuConfig)
         self._inertial, self._hold = options, round(config.hold * 1e9)
         self.imu = self.cell.part(ImuPart, name, options.part)
 

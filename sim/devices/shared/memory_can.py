@@ -38,27 +38,24 @@ class MemoryCan(CanLink):
         self._closed = False
 
     def read(self) -> list[can.Message]:
-        """See `CanLink.read`."""
         self._check()
         found = [] if self._gone() else [*self._waiting, *self._due(False)]
         self._waiting.clear()
         return found
 
     def read_wait(self, timeout_s: float) -> list[can.Message]:
-        """See `CanLink.read_wait`. The world stands still meanwhile: the drives speak at once."""
+        """The world stands still meanwhile: the drives speak at once."""
         if not self._waiting:
             self._waiting.extend(self._due(True))
         return self.read()
 
     def write(self, message: can.Message) -> bool:
-        """See `CanLink.write`."""
         self._check()
         if not self._gone():
             self._waiting.extend(self._obey(message))
         return True
 
     def close(self) -> None:
-        """See `CanLink.close`."""
         self._closed = True
 
     def _check(self) -> None:

@@ -49,9 +49,8 @@ class SampledFake(Fake):
     noise_scale: float | Array = 1.0
     needs: ClassVar[type[World]] = Cell
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: SensorOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(options, SensorOptions)
         if not isinstance(world, self.needs):
             raise WiringError(
                 f"sim.devices.{name}",
@@ -164,18 +163,17 @@ class AnyWorldFake(SampledFake):
 
     needs: ClassVar[type[World]] = World  # type: ignore[type-abstract]  # any will do
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: SensorOptions) -> None:
         super().__init__(name, config, world, options)
         self._seen = 0  # ns, world time of the last look
 
     def sampled(self, size: int, take: Callable[[], Array], rate: float | None = None) -> None:
-        """See `SampledFake.sampled`. `rate`: Hz, in place of the options' one."""
+        """`rate`: Hz, in place of the options' one."""
         hz = Fraction(self._sensor_options.rate if rate is None else rate).limit_denominator(10**6)
         self._samples = Samples(hz, take, size)
         self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise, self.noise_scale)
 
     def newest(self) -> int:
-        """See `SampledFake.newest`."""
         samples, time = self.samples, self.world.time
         if time < self._seen:  # the world was restored to an earlier state
             samples.taken = -1

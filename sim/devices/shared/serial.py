@@ -46,17 +46,15 @@ class SerialTwin(Twin):
         self.door.link = path
 
     def open(self) -> None:
-        """See `Twin.open`."""
         self.door.open()
         self.address = self.door.address
 
     def close(self) -> None:
-        """See `Twin.close`; a client that has the port open sees it hang up. `open` creates the port again."""
+        """A client that has the port open sees it hang up. `open` creates the port again."""
         self.door.close()
         self.address = ""
 
     def service(self, now: int) -> None:
-        """See `Twin.service`."""
         self._plug.follow(self.close, self.open)
         if not self.door.is_open:
             self.work(now)
@@ -88,7 +86,7 @@ class SerialTwin(Twin):
         """Does what the device does by itself at `now`, with or without a client; returns what it sends."""
 
     def metrics(self) -> dict[str, object]:
-        """See `Twin.metrics`: connections, bytes in each direction and lost, time of the last bytes received (ns)."""
+        """Connections, bytes in each direction and lost, time of the last bytes received (ns)."""
         return {
             "connects": self.door.connects,
             "bytes_in": self.door.bytes_in,

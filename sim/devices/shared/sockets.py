@@ -330,20 +330,18 @@ class SocketTwin(Twin):
         """Accepts new clients, obeys, answers and sends what is due at `now`; not called while muted."""
 
     def open(self) -> None:
-        """See `Twin.open`."""
         for door in self.doors():
             door.open()
         self.address = self.describe()
         self.opened()
 
     def close(self) -> None:
-        """See `Twin.close`; clients see the link fail. `open` restores it at the same ports."""
+        """Clients see the link fail. `open` restores it at the same ports."""
         for door in self.doors():
             door.close()
         self.address = ""
 
     def service(self, now: int) -> None:
-        """See `Twin.service`."""
         self._plug.follow(self.close, self.open)
         if self.muted:
             for door in self.doors():  # the kernel of a hung device still receives
@@ -356,7 +354,7 @@ class SocketTwin(Twin):
         self.work(now)
 
     def metrics(self) -> dict[str, object]:
-        """See `Twin.metrics`: connections, bytes in each direction, bytes lost."""
+        """Connections, bytes in each direction, bytes lost."""
         doors: list[Any] = list(self.doors())
         return {
             "connects": sum(door.connects for door in doors if isinstance(door, TcpDoor)),

@@ -11,9 +11,8 @@ from pydantic import Field
 from srl.drivers.softhand import SoftHand
 from srl.drivers.softhand.config import USUAL, SoftHandConfig
 from srl.drivers.softhand.driver import COMMAND
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.signals import Array, Stop
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
 from srl.sim.parts.robots.softhand import CLOSED, SoftHandPart
 
@@ -37,10 +36,10 @@ class FakeSoftHand(SampledFake):
 
     Options = FakeSoftHandOptions
     real = SoftHand
+    config: SoftHandConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: SoftHandConfig, world: World, options: FakeSoftHandOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, SoftHandConfig)
         low, high = config.limits or USUAL
         self.open_ticks, self.closed_ticks = low, high
         self._span = float(high - low)
@@ -49,7 +48,6 @@ class FakeSoftHand(SampledFake):
         self.sampled(2, lambda: np.array([self.part.position / CLOSED, self.part.current]))
 
     def write(self, now: int) -> None:
-        """See `Driver.write`."""
         self.check_there()
         if not self.active:
             self.activate(True)
@@ -59,7 +57,6 @@ class FakeSoftHand(SampledFake):
             self.refer(round(self.open_ticks + min(max(closure, 0.0), 1.0) * self._span))
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`."""
         if category is Stop.LIMP and self.health.connected:
             self.activate(False)
 
@@ -107,5 +104,4 @@ class FakeSoftHand(SampledFake):
 
     @property
     def _config_watchdog(self) -> bool:
-        assert isinstance(self.config, SoftHandConfig)
         return self.config.watchdog > 0

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.drivers.softhand import protocol
-from srl.drivers.softhand.config import SoftHandConfig
 from srl.drivers.softhand.protocol import Cmd, Frame, Parser
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.serial import SerialTwin
 from srl.sim.devices.softhand.fake import FakeSoftHand
 
@@ -33,10 +31,8 @@ class SoftHandTwin(SerialTwin):
         control: the control mode that it tells; 0: position.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeSoftHand)
+    def __init__(self, fake: FakeSoftHand) -> None:
         super().__init__(fake)
-        assert isinstance(fake.config, SoftHandConfig)
         self.hand = fake
         self.id = fake.config.id
         self.echo = self.deaf = False
@@ -68,7 +64,7 @@ class SoftHandTwin(SerialTwin):
         }
 
     def open(self) -> None:
-        """See `Twin.open`; the state is that after a loss of power."""
+        """The state is that after a loss of power."""
         super().open()
         self.power_up()
 
@@ -79,7 +75,6 @@ class SoftHandTwin(SerialTwin):
         self._parser.reset()
 
     def receive(self, data: bytes, now: int) -> bytes:
-        """See `SerialTwin.receive`."""
         answers = [data] if self.echo else []
         for found in self._parser.feed(data):
             if found.id in (self.id, 0):
@@ -89,7 +84,6 @@ class SoftHandTwin(SerialTwin):
         return b"".join(answers)
 
     def work(self, now: int) -> bytes:
-        """See `SerialTwin.work`."""
         if self._watchdog and self.hand.active and now - self._fed > self._watchdog:
             self.hand.activate(False)
             self._trips += 1

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from srl.drivers.trigno import Trigno, TrignoConfig
 from srl.drivers.trigno.envelope import Envelope
 from srl.drivers.trigno.protocol import FRAME, RANGE, RATE, SLOTS
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
@@ -55,10 +55,8 @@ class FakeTrigno(Sensor, Fake):
     Options = FakeTrignoConfig
     real = Trigno
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: TrignoConfig, world: World, options: FakeTrignoConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, TrignoConfig)
-        assert isinstance(options, FakeTrignoConfig)
         self.channels, self.script = config.channels, options
         self._block_size, self._latency = config.block, round(config.latency * 1e9)
         self._muscles = self._find()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from srl.drivers.trigno.protocol import END, SLOTS, encode
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 from srl.sim.devices.trigno.fake import FakeTrigno
 
@@ -30,8 +29,7 @@ class TrignoTwin(SocketTwin):
     Every sensor is upsampled to 2000 Hz whatever UPSAMPLE says: without it, a real one sends 26 samples a frame.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeTrigno)
+    def __init__(self, fake: FakeTrigno) -> None:
         super().__init__(fake)
         self.station = fake
         self.control, self.emg, self.legacy = TcpDoor(most=2), TcpDoor(), TcpDoor()

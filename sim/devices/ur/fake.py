@@ -15,10 +15,9 @@ from srl.drivers.ur.declaration import measured, remark
 from srl.drivers.ur.registers import CYCLE, ScriptState
 from srl.drivers.ur.sample import Words, fill_pose
 from srl.drivers.ur.status import RobotBits, RobotMode, SafetyMode
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceError, WiringError
 from srl.runtime.contracts.signals import Array, Stop
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
 from srl.sim.devices.shared.windows import Windows, inside, rising
 from srl.sim.devices.ur.controller import UrController
@@ -122,12 +121,12 @@ class FakeUr(SampledFake):
 
     Options = FakeUrConfig
     real = Ur
+    config: UrConfig
+    options: FakeUrConfig
     noise_scale = np.concatenate([_NOISE, np.zeros(SIZE - MEASURED)])
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: UrConfig, world: World, options: FakeUrConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, UrConfig)
-        assert isinstance(options, FakeUrConfig)
         self._config, self._options = config, options
         arm = self.cell.part(ArmPart, name, options.part)
         if arm.n != 6:
@@ -159,7 +158,7 @@ class FakeUr(SampledFake):
     # -- the driver's interface
 
     def open(self) -> None:
-        """See `Driver.open`; with `power_on` the arm is on at once."""
+        """With `power_on` the arm is on at once."""
         super().open()
         self._recovering, self._failed = False, ""
         if not self.commands:

@@ -7,11 +7,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.drivers.ur.config import DASHBOARD, RTDE, UrConfig
+from srl.drivers.ur.config import DASHBOARD, RTDE
 from srl.drivers.ur.status import RuntimeState
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
-from srl.sim.devices.ur.fake import FakeUr, FakeUrConfig
+from srl.sim.devices.ur.fake import FakeUr
 from srl.sim.devices.ur.twin_dashboard import DashboardServer
 from srl.sim.devices.ur.twin_expressions import ScriptError
 from srl.sim.devices.ur.twin_functions import Refusals
@@ -36,10 +35,7 @@ class UrTwin(SocketTwin):
         refusals: what programs and dashboard clients asked for in vain.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeUr)
-        assert isinstance(fake.config, UrConfig)
-        assert isinstance(fake.options, FakeUrConfig)
+    def __init__(self, fake: FakeUr) -> None:
         super().__init__(fake)
         options = fake.options
         self.arm = fake

@@ -6,9 +6,8 @@ from pydantic import Field
 
 from srl.drivers.vicon import Vicon
 from srl.drivers.vicon.config import ViconConfig
-from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceError
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.cameras import Cameras, CamerasConfig
 
 
@@ -24,10 +23,8 @@ class FakeVicon(Cameras):
     Options = FakeViconConfig
     real = Vicon
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: ViconConfig, world: World, options: FakeViconConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, ViconConfig)
-        assert isinstance(options, FakeViconConfig)
         self.vicon, self.server = config, options
 
     def open(self) -> None:

@@ -13,7 +13,6 @@ from srl.drivers.capture.selection import root_of
 from srl.drivers.vicon import objects
 from srl.drivers.vicon.objects import TrackedObject
 from srl.runtime.contracts.rotation import euler_angles
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 from srl.sim.devices.vicon.fake import FakeVicon
 from srl.sim.devices.vicon.twin_frame import FrameMaker
@@ -32,8 +31,7 @@ class ViconTwin(SocketTwin):
         maker: makes packets; `maker.offset` is the frame number of the first sample.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeVicon)
+    def __init__(self, fake: FakeVicon) -> None:
         super().__init__(fake)
         self.vicon = fake
         self.maker = FrameMaker(fake)

@@ -6,10 +6,10 @@ import numpy as np
 from pydantic import Field
 
 from srl.drivers.xsens_mti import XsensMti, XsensMtiConfig
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.rotation import normalised
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.inertial import HALF, InertialFake, InertialOptions
 
 _FORCE, _TURN = 5.0, 1.0  # m/s^2 and rad/s of noise a rad: a still sensor flickers by some mm/s^2 and mrad/s; ours
@@ -31,9 +31,8 @@ class FakeXsensMti(Sensor, InertialFake):
     Options = FakeXsensMtiConfig
     real = XsensMti
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: XsensMtiConfig, world: World, options: FakeXsensMtiConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, XsensMtiConfig)
         self.noise_scale = np.array([HALF] * 4 + [_FORCE] * 3 + [_TURN] * 3)
         self.sampled(10, lambda: np.concatenate([self.measure(), self.imu.turning()]))
 

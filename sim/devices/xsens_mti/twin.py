@@ -6,7 +6,6 @@ from typing import Final
 
 from srl.drivers.xsens_mti import data
 from srl.drivers.xsens_mti.protocol import EVERY, Id, Message, Parser, configuration, encode
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.serial import SerialTwin
 from srl.sim.devices.xsens_mti.fake import FakeXsensMti
 
@@ -28,8 +27,7 @@ class XsensMtiTwin(SerialTwin):
         questions: ids that it was asked.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeXsensMti)
+    def __init__(self, fake: FakeXsensMti) -> None:
         super().__init__(fake)
         self.mti = fake
         self.output: dict[int, int] = dict(FACTORY)

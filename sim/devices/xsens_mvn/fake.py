@@ -15,12 +15,12 @@ from srl.drivers.xsens_mvn import MvnConfig, XsensMvn
 from srl.drivers.xsens_mvn.config import signals
 from srl.drivers.xsens_mvn.protocol import JOINT_ENDS, SEGMENTS
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.frames import IDENTITY, as_pose
 from srl.runtime.contracts.rotation import Quaternion
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
 from srl.sim.devices.xsens_mvn.worn import places
 from srl.sim.parts.body.body import BodyPart
@@ -54,10 +54,8 @@ class FakeMvn(Sensor, SampledFake):
     Options = FakeMvnConfig
     real = XsensMvn
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: MvnConfig, world: World, options: FakeMvnConfig) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, MvnConfig)
-        assert isinstance(options, FakeMvnConfig)
         self.mvn, self.stream = config, options
         person = self._person(name, options.part)
         model = self.cell.model

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from srl.drivers.xsens_mvn import protocol
 from srl.drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, Pose
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.sockets import SocketTwin, UdpDoor
 from srl.sim.devices.xsens_mvn.fake import FakeMvn, posed
 
@@ -28,8 +27,7 @@ class XsensMvnTwin(SocketTwin):
     `silent`: characters whose suit is off.
     """
 
-    def __init__(self, fake: Fake) -> None:
-        assert isinstance(fake, FakeMvn)
+    def __init__(self, fake: FakeMvn) -> None:
         super().__init__(fake)
         self.mvn = fake
         self.offset, self.origin = 0, 0

@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import Field
 
 from srl.drivers.zenoh import Zenoh, ZenohConfig
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import WiringError, nearest
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.world import FakeConfig, World
+from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import AnyWorldFake, SensorOptions
 
 
@@ -31,11 +31,10 @@ class FakeZenoh(Sensor, AnyWorldFake):
 
     Options = FakeZenohOptions
     real = Zenoh
+    config: ZenohConfig
 
-    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+    def __init__(self, name: str, config: ZenohConfig, world: World, options: FakeZenohOptions) -> None:
         super().__init__(name, config, world, options)
-        assert isinstance(config, ZenohConfig)
-        assert isinstance(options, FakeZenohOptions)
         self._options = options
         self._rows: dict[str, list[int] | slice] = {}  # of the truth, in the signal's order
         self._check()

@@ -11,12 +11,10 @@ from typing import Any, Literal, NamedTuple
 
 import zenoh
 
-from srl.drivers.zenoh import ZenohConfig
 from srl.drivers.zenoh.config import SignalEntry
 from srl.runtime.contracts.errors import HostError, WiringError
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Signal
-from srl.runtime.contracts.world import Fake
 from srl.runtime.messages import attachment, messages
 from srl.sim.devices.shared.sockets import SocketTwin
 from srl.sim.devices.zenoh.fake import FakeZenoh
@@ -154,10 +152,8 @@ class ZenohTwin(SocketTwin):
     message only if the profile gives no `type`.
     """
 
-    def __init__(self, fake: Fake) -> None:
+    def __init__(self, fake: FakeZenoh) -> None:
         super().__init__(fake)
-        assert isinstance(fake, FakeZenoh)
-        assert isinstance(fake.config, ZenohConfig)
         self._fake = fake
         self._fields: list[tuple[Field, SignalEntry, messages.Encoder]] = []
         for signal in fake.states:
@@ -174,16 +170,13 @@ class ZenohTwin(SocketTwin):
         self._sender = os.urandom(16)
 
     def doors(self) -> list[Any]:
-        """See `SocketTwin.doors`."""
         return [self.door]
 
     def opened(self) -> None:
-        """See `SocketTwin.opened`."""
         self._wall = time.time_ns() - time.monotonic_ns()
         self._last = self._fake.newest()
 
     def work(self, now: int) -> None:
-        """See `SocketTwin.work`."""
         for arrival in self.door.read():
             if arrival.query is not None:
                 self._describe(arrival.query)

@@ -72,9 +72,8 @@ class BodyPart(Part):
     Config = BodyConfig
     summary = "a person with the joints of a motion capture suit, by a script or as recorded"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: BodyConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, BodyConfig)
         self._config = config
         self.skeleton = Skeleton(config.skeleton)
         self._motion: Motion

@@ -51,9 +51,8 @@ class MocapBody(MocapSubject):
     Config = MocapBodyConfig
     summary = "a body with markers that moves by a script or as recorded, for motion capture"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: MocapBodyConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, MocapBodyConfig)
         self._config = config
         self._motion = make_motion(config.motion)
         self.subject = config.subject or name

@@ -69,9 +69,8 @@ class StrapPart(Part):
     Config = StrapConfig
     summary = "straps that give way, between a body and what is worn on it"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: StrapConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, StrapConfig)
         self._config = config
         translation, rotation = STIFFNESS[config.firmness]
         self._springs = (config.translation or translation, config.rotation or rotation)

@@ -16,7 +16,6 @@ class FeetechMotors(Motors):
     """All servos of a chain; see `Motors`."""
 
     def power_up(self, i: int) -> None:
-        """See `Motors`."""
         super().power_up(i)
         self.kp[i] = GAIN * TABLE["position_p_gain"].default
         self.shutdown[i], self.temperature_limit[i] = HEAT_BIT, TABLE["temperature_limit"].default

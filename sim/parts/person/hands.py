@@ -39,9 +39,8 @@ class HandsPart(Part):
     Config = HandsConfig
     summary = "a person's hands that hold a thing and turn it as told"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: HandsConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, HandsConfig)
         self._config = config
         self.wearer = self
         self.truth = (Signal(name=f"{name}_turn", shape=(4,), unit="1", labels=QUATERNION),)

@@ -47,9 +47,8 @@ class MusclesPart(Part):
     Config = MusclesConfig
     summary = "muscles of a person who contracts one at a time, as told"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: MusclesConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, MusclesConfig)
         self._config = config
         self.wearer = self
         self._data: Any = None

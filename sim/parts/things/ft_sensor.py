@@ -42,9 +42,8 @@ class FtSensorPart(Part):
     Config = FtSensorConfig
     summary = "six-axis force/torque sensor"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: FtSensorConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, FtSensorConfig)
         self._config = config
         self.truth = (Signal(name=f"{name}_wrench", shape=(6,), unit=UNIT, labels=WRENCH),)
         self._measured: Array = np.zeros(6)
@@ -108,9 +107,8 @@ class HandlePart(Part):
     Config = HandleConfig
     summary = "a handle that a simulated person pushes"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: HandleConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, HandleConfig)
         self._config = config
         self.truth = (Signal(name=f"{name}_push", shape=(6,), unit=UNIT, labels=WRENCH),)
         self.every = 1

@@ -32,9 +32,8 @@ class ImuPart(Part):
     Config = ImuConfig
     summary = "an inertial sensor, on any body"
 
-    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+    def __init__(self, name: str, config: ImuConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        assert isinstance(config, ImuConfig)
         self._mass = config.mass
         self.every = 1
         self.truth = (Signal(name=f"{name}_orientation", shape=(4,), unit="1", labels=QUATERNION),)

@@ -33,13 +33,13 @@ class PointForcePart(Part):
     stands: ClassVar[str]
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
-        """See `Part.build`; it adds nothing."""
+        """It adds nothing."""
         if parent is not mjcf.worldbody:
             problem = f"'{self.name}' {self.stands}, and can't be mounted on another part"
             raise WiringError(f"sim.parts.{self.name}.at", problem, "Leave `at` out")
 
     def bind(self, model: Any, data: Any) -> None:
-        """See `Part.bind`. Raises WiringError: no body has that name."""
+        """Raises WiringError: no body has that name."""
         self._model, self._data = model, data
         bodies, named = [model.body(i).name for i in range(model.nbody)], getattr(self.config, self.option)
         if named not in bodies:
