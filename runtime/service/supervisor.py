@@ -42,7 +42,9 @@ from srl.runtime.service.process_exit import ProcessExit
 
 POLL = 0.005  # s between two checks of the loop's sign of life
 HUNG = 100_000_000  # ns without a sign of life, plus two periods, after which the loop counts as hung
+HUNG_STILL = 2_000_000_000  # ns, the same where nothing is commanded, as in a calibration: nothing can move
 HUNG_UNPACED = 10_000_000_000  # ns, the same for an unpaced simulation
+HELD_UP = 50_000_000  # ns by which a check is late when the whole machine, and not the loop alone, stood still
 LET_GO = 5_000_000_000  # ns that the loop's process may take to release its devices after its last row
 OPENING = 10.0  # s after a request to end, during which devices may still be opening; then the loop is killed
 REAP = 2.0  # s that a killed process may take to go; one that writes to a stuck device takes longer
@@ -82,6 +84,7 @@ class Supervisor:
         self.layout: Layout | None = None
         self._layout_text = b""
         self._hung_after = HUNG
+        self._checked = 0  # CLOCK_MONOTONIC ns, of the last check
         self._ask_to_end = False
         self._asked = self._first_asked = 0.0
         self._notifier = Notifier()
@@ -125,8 +128,11 @@ class Supervisor:
             if not self.rows.closed and self._exit.seen():
                 self._loop_died("the loop's process ended")
                 return False
-            silent = time.monotonic_ns() - self.rows.beat
-            if silent > (LET_GO if self.rows.closed else self._hung_after):
+            now, before = time.monotonic_ns(), self._checked
+            self._checked, silent = now, now - self.rows.beat
+            # After a stall of the whole machine the loop has one check's time to show that it goes on.
+            held_up = before and now - before > HELD_UP + timeout * 1e9
+            if not held_up and silent > (LET_GO if self.rows.closed else self._hung_after):
                 self._loop_died(f"the loop gave no sign of life for {silent / 1e6:.0f} ms")
                 return False
         for helper in self.helpers if self.running else ():
@@ -194,7 +200,9 @@ class Supervisor:
             self._loop_died(f"the loop can't be watched: {error}")
             return
         self.running = True
-        self._hung_after = HUNG_UNPACED if content["unpaced"] else HUNG + 2 * content["period"]
+        moves = any(field.role == "sent" for field in self.layout.fields.values())
+        usual = (HUNG if moves else HUNG_STILL) + 2 * content["period"]
+        self._hung_after = HUNG_UNPACED if content["unpaced"] else usual
 
     def _loop_ended(self) -> None:
         """The channel is closed: the process has ended, or is about to."""

@@ -61,6 +61,7 @@ def start(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> It
             yield lambda rate: partial(bench._c, program, rate)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 def test_a_loop_answers_the_sensor_within_a_period_and_its_work(
     start: Callable[[int], bench.Start], monkeypatch: pytest.MonkeyPatch

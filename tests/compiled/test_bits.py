@@ -41,6 +41,7 @@ def test_these_are_the_flags_of_the_package() -> None:
     assert {Path(path).name for path in module["depends"]} == {path.name for path in (ROOT / "native").glob("*.h")}
 
 
+@pytest.mark.exhaustive
 @needs_cc
 def test_optimisation_changes_no_bit(tmp_path: Path) -> None:
     plain = hashes(tmp_path, "gcc", "-O0")

@@ -34,6 +34,7 @@ def test_the_skeleton_follows_by_another_system(tmp_path, system):
     assert not [event for event in run.events if "lost" in event]
 
 
+@pytest.mark.exhaustive
 def test_ikns_closes_the_finger_by_a_suit(tmp_path):
     run = simulate(chosen(tmp_path, "ikns-finger", "input: ikns ", "input: ikns-xsens "), 6.5)
     c, swivel = run.value("intent.c")[300:, 0], run.value("world.wearer_dofs")[300:, 0]

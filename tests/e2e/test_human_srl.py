@@ -55,6 +55,7 @@ def arrivals(recording: Recording, device: str = "arm") -> list[int]:
     return [k for i, k in enumerate(visited) if i == 0 or visited[i - 1] != k]
 
 
+@pytest.mark.exhaustive
 def test_the_arm_goes_round_its_postures(whole: tuple[dict[str, object], Recording]) -> None:
     done, recording = whole
     assert (done["state"], done["cause"]) == ("ended", "end")
@@ -113,6 +114,7 @@ def test_the_export_opens_in_an_independent_reader(folder: Path, whole: tuple[di
     assert compared > 5
 
 
+@pytest.mark.exhaustive
 def test_no_bvh_without_a_skeleton(folder: Path) -> None:
     call(folder, "run", "servo-jog", "--sim", "--fast", "--duration", "0.5", "--record", "jog.rrd")
     done = call(folder, "export", "jog.rrd", "--bvh", "jog.bvh", code=2)
@@ -135,6 +137,7 @@ def test_a_suit_that_is_gone_holds_the_arm(tmp_path: Path) -> None:
     assert np.ptp(values, axis=0).max() == 0.0  # the skeleton keeps its last pose
 
 
+@pytest.mark.exhaustive
 def test_both_arms_mirror_each_other(tmp_path: Path) -> None:
     _, recording = run(tmp_path, "human-srl-two", "--duration", "20", "--set", "sim.parts.wearer.script=t-pose")
     assert arrivals(recording, "right")[:3] == arrivals(recording, "left")[:3] == [0, 1, 2]

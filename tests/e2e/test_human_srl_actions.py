@@ -23,6 +23,7 @@ NEAR = np.array([0.08, 0.08, 0.08, 0.08, 0.005, 0.08, 0.08])
 X, Y, Z = 0, 1, 2  # left, up, forward
 
 
+@pytest.mark.exhaustive
 def test_ten_actions_are_seen_at_ten_instants(tmp_path: Path) -> None:
     done = summary(
         call(

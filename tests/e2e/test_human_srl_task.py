@@ -17,6 +17,7 @@ from srl.runtime.recording.reader import read
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
+@pytest.mark.exhaustive
 def test_task_is_taught_repeated_and_replayed(tmp_path: Path) -> None:
     done = summary(
         call(

@@ -70,6 +70,7 @@ def assert_still(run: Running, rows: np.ndarray[Any, Any], asked: int, command: 
     assert run.word("refused") >= asked  # every refusal is in the rows
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("what", ["local stop", "fault", "e-stop"])
 def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str) -> None:

@@ -13,6 +13,7 @@ from srl.testing import simulate
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.exhaustive
 def test_the_robot_is_led_and_the_finger_follows_the_hand() -> None:
     run = simulate(profile.find("moca-finger")[1], seconds=9.0)
     assert run.states()[-1] is State.ACTIVE

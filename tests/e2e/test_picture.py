@@ -14,6 +14,7 @@ from srl.runtime.recording.shapes import UNKNOWN, distance_colors
 from srl.runtime.web.panel.picture import View
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_recording_of_human_srl_has_its_picture(tmp_path: Path) -> None:
     file, png = tmp_path / "run.rrd", tmp_path / "run.png"

@@ -45,6 +45,7 @@ def keys() -> dict[str, Any]:
     return plain
 
 
+@pytest.mark.exhaustive
 def test_the_tilt_of_the_strap_is_the_same_by_any_of_them() -> None:
     with Lab(keys()) as lab:
         lab.setpoint("client.position", [0.0, -0.2, 0.1, -0.6, 0.01, 0.1, 0.2])

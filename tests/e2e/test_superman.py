@@ -152,6 +152,7 @@ def within_limits(recording: Recording, robot: Any) -> None:
     assert (np.abs(tau) <= robot.tau_max * (1 + 1e-9)).all(), np.abs(tau).max(axis=0)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 @pytest.mark.parametrize("body", [MOCA, KAIROS], ids=lambda b: b.profile)
 def test_no_button_at_any_instant_makes_a_step(tmp_path: Path, body: Body, chunk: int) -> None:
@@ -176,6 +177,7 @@ def test_no_button_at_any_instant_makes_a_step(tmp_path: Path, body: Body, chunk
     assert np.abs(np.diff(recording.value("hand.position_command"), axis=0)).max() <= 1.5 * 2e-3
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("body", [MOCA, KAIROS], ids=lambda b: b.profile)
 def test_a_blocked_tip_presses_no_harder_than_hand_and_leash(tmp_path: Path, body: Body) -> None:
     """A rod on the flange over a table, a hand that pushes down with 15 N for 5 s while the admittance is on."""

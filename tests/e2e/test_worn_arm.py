@@ -48,6 +48,7 @@ def weight_left(run: Simulated, span: tuple[float, float]) -> Array:
     return np.array([true(q[k], base[k]) - held[k] for k in range(0, len(q), 10)])
 
 
+@pytest.mark.exhaustive
 def test_the_tool_follows_a_point_in_the_hand() -> None:
     run = slips("imu")
     a, b = (round(t * RATE) for t in STEADY)
@@ -105,6 +106,7 @@ def test_a_push_of_50_n_is_given_way_to_and_comes_back() -> None:
     assert np.sqrt((found[-RATE:] ** 2).mean()) < 30.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("device", "fault", "most"),
     [("mocap", {"loss": [[3.0, 9.0]]}, 0.02), ("base", {"silent": [[3.0, 9.0]]}, 0.65)],
@@ -124,6 +126,7 @@ def test_without_hand_or_sensor_it_holds_where_it_is(device: str, fault: dict[st
         assert sunk < 25.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("lean", [1.2, -0.7], ids=["bends forward", "leans back"])
 def test_a_stopped_arm_stays_where_it_is_while_its_wearer_leans(lean: float) -> None:
     """Its weight changes with the tilt: what was held when the stop began would swing it."""

@@ -42,10 +42,29 @@ def worst(
     return float(least)
 
 
+TRIALS = (
+    st.lists(st.tuples(wanted, points, slow), min_size=1, max_size=5),
+    st.floats(0, 0.08),
+    st.integers(0, 2**32 - 1),
+)
+
+
 @pytest.mark.slow
-@given(st.lists(st.tuples(wanted, points, slow), min_size=1, max_size=5), st.floats(0, 0.08), st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None, phases=[Phase.generate])
+@given(*TRIALS)
+@settings(max_examples=6, deadline=None, phases=[Phase.generate])
 def test_whatever_was_accepted_can_be_stopped_from_before_the_disc_is_near(pieces, age, seed):
+    stoppable(pieces, age, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.exhaustive
+@given(*TRIALS)
+@settings(max_examples=50, deadline=None, phases=[Phase.generate])
+def test_whatever_was_accepted_can_be_stopped_in_many_more_trials(pieces, age, seed):
+    stoppable(pieces, age, seed)
+
+
+def stoppable(pieces, age, seed):
     """The arm may be anywhere between its command and LAG behind it; the disc heads for it as hard as it can."""
     rng = np.random.default_rng(seed)
     scene = Scene(age=age)

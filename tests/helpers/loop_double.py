@@ -62,9 +62,11 @@ class LoopDouble:
         assert self.supervisor.step()
         self.slots.write(slot, (frame,))
 
-    def run(self, rows: int = 3, period: int = 1_000_000, unpaced: bool = True) -> None:
-        """Makes the run's files, and says that the loop runs. `period`: ns."""
+    def run(self, rows: int = 3, period: int = 1_000_000, unpaced: bool = True, moves: bool = True) -> None:
+        """Makes the run's files, and says that the loop runs. `period`: ns; `moves`: it commands something."""
         layout = make_layout()
+        if moves and not any(field.role == "sent" for field in layout.fields.values()):
+            layout.add("finger.position_command.sent", "sent", (1,), "rad")
         layout.save(self.run_folder.layout)
         EventWriter(self.run_folder.events).close()
         self.ring = RingWriter.create(self.run_folder.rows, layout.width, 16)

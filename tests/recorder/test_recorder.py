@@ -54,6 +54,7 @@ def rerun(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("count", "kills"), [(3000, [1000]), pytest.param(20000, [4000, 11000], marks=pytest.mark.slow)]
 )

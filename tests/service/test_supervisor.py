@@ -133,6 +133,39 @@ def loop_handing_over(loop: LoopDouble, descriptor: int) -> Callable[[], bool]:
     return seen
 
 
+def test_after_a_stall_of_the_whole_machine_the_loop_has_one_check_to_show_that_it_goes_on(
+    loop: LoopDouble, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = time.monotonic_ns()
+    monkeypatch.setattr(service.time, "monotonic_ns", lambda: now)
+    loop.run(period=1_000_000, unpaced=False)
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    assert loop.supervisor.step()
+    for goes_on in (True, False):
+        now += 500_000_000  # neither the loop nor its supervisor ran
+        assert loop.supervisor.step()
+        if goes_on:
+            loop.ring.touch(now)
+        now += 5_000_000
+        assert loop.supervisor.step() is goes_on
+    assert not alive(loop.process.pid)
+
+
+def test_where_nothing_is_commanded_a_loop_may_be_silent_for_longer(
+    loop: LoopDouble, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A calibration of minutes isn't lost to a machine that is busy for a moment."""
+    started = now = time.monotonic_ns()
+    monkeypatch.setattr(service.time, "monotonic_ns", lambda: now)
+    loop.run(period=1_000_000, unpaced=False, moves=False)
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    for silent, goes_on in ((2_002_000_000, True), (2_002_000_001, False)):
+        now = started + silent
+        loop.supervisor._checked = now  # checked all the time
+        assert loop.supervisor.step() is goes_on
+    assert not alive(loop.process.pid)
+
+
 @pytest.mark.parametrize(
     ("period", "unpaced", "patience"),
     [(10_000_000, False, 120_000_000), (1_000_000, False, 102_000_000), (10_000_000, True, 10_000_000_000)],

@@ -332,6 +332,7 @@ def test_two_fingers_close_and_keep_apart() -> None:
     assert all(len(cell.contacts([name])) for name in cell.extra)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_quick_study_runs_resumes_and_leaves_its_files(tmp_path: Path) -> None:
     result = isotropy.run(tmp_path, True, Runner(LocalEngine(1)))

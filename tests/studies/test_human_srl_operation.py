@@ -102,6 +102,7 @@ def test_path_is_repeated_by_a_late_servo_within_some_millimetres_beside_a_weare
     assert most < 15.0
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_task_is_done_beside_a_moving_wearer_who_makes_it_wait() -> None:
     found = run(TEXT, AVERAGE, Case(), 1)
@@ -111,12 +112,14 @@ def test_task_is_done_beside_a_moving_wearer_who_makes_it_wait() -> None:
     assert found.metrics()[2] < 20.0
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_without_the_distances_and_the_verified_stop_the_arm_runs_into_the_wearer() -> None:
     bare = Case(guarded=False, replay={"around": "ignore"})
     assert sum(run(TEXT, AVERAGE, bare, seed).blamed for seed in range(8)) > 0
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_quick_set_is_whole_and_repeats_itself(tmp_path: Path) -> None:
     here = Here({"human-srl-operation": trial})

@@ -64,6 +64,7 @@ def test_wearers_differ_and_ways_of_one_wearer_do_not() -> None:
     assert one.seed == same.seed != other.seed
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_mount_that_is_told_wrong_costs_its_sine_times_the_lever() -> None:
     """On a weld there is nothing to compensate: what the law does is its mistake."""
@@ -78,6 +79,7 @@ def test_a_mount_that_is_told_wrong_costs_its_sine_times_the_lever() -> None:
     assert error(0.0, 0.0, wrong) < 0.004, "which way its x points is of no account while the base is level"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_quick_set_and_its_sweep_are_whole(tmp_path: Path) -> None:
     here = Here({"human-srl-strap": trial})

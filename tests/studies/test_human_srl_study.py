@@ -225,6 +225,7 @@ def test_a_wearer_who_sways_or_marches_moves_trunk_or_legs() -> None:
     assert swept("Head", march=0.9) < 1e-9
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_arm_runs_into_the_wearer_only_without_a_clearance() -> None:
     off, on = ([reached(12.0, motion, guarded=guarded) for motion in (1, 4, 5)] for guarded in (False, True))
@@ -237,6 +238,7 @@ def test_the_arm_runs_into_the_wearer_only_without_a_clearance() -> None:
     assert all(0.5 < time < reach_trial.TIMEOUT for time in times if time is not None)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_suit_that_is_off_breaks_no_blame_by_itself_unless_the_clearance_is_told() -> None:
     """One of the motions after those of the sweep, the first eight, in which it does."""

@@ -79,6 +79,7 @@ def test_a_condition_changes_what_it_says() -> None:
         assert np.abs(seen(given) - base).max() > 1e-3, what
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_one_recording_gives_the_calibrations_of_any_of_its_dofs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,6 +100,7 @@ def test_one_recording_gives_the_calibrations_of_any_of_its_dofs(monkeypatch: py
     assert done.ranges[:, 0].mean() > done.ranges[:, 1].mean()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_two_dofs_are_followed_at_once_better_than_by_standing_still(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,6 +64,7 @@ def test_the_hand_comes_where_it_is_told_with_its_palm_upright(condition: str) -
     assert np.linalg.norm(log(product(goal[3:], conjugate(found[3:])))) < 0.03
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("code", "AI")
 def test_a_steady_wearer_picks_and_places(code: str) -> None:
@@ -94,6 +95,7 @@ def test_a_wearer_picks_and_places_in_both_conditions(condition: str) -> None:
     assert row["closing"] < row["duration"]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_control_value_is_the_wearers_own() -> None:
     """The same motion with the other sense opens the finger where it should close."""

@@ -87,6 +87,7 @@ def one_trial(condition: str, curve_name: str = "T1") -> dict[str, Any]:
     return flat(trial(t.text, t.parameters, t.seed))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_a_trial_follows_the_curve_through_the_whole_profile(condition: str) -> None:

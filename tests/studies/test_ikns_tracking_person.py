@@ -91,6 +91,7 @@ def row(who: str, entry: Entry, rmse: float) -> Row:
     return Row(people.key("ikns-tracking", who, entry), task, "", DONE, values, "", 30.0, "", {})
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_trial_is_stored_as_it_ends_and_the_session_resumes_after_it(tmp_path: Path) -> None:

@@ -103,6 +103,7 @@ def test_the_motion_is_the_files(folder: Path) -> None:
     np.testing.assert_allclose(p, [oracle[file.index(name)] for name in SKELETON.names], atol=1e-9)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_recogniser_of_several_people_comes_of_it(folder: Path) -> None:
     found = trials(folder)

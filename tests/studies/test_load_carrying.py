@@ -131,6 +131,7 @@ def test_the_figure_stands_too(tmp_path: Path) -> None:
         assert (tmp_path / "load.png").stat().st_size > 5000
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_short_study_runs(tmp_path: Path) -> None:
     result = study.run(tmp_path, quick=True, runner=Runner(LocalEngine(1)))

@@ -144,6 +144,7 @@ def test_a_trial_of_fewer_holes_counts_by_its_share(tmp_path):
     assert "drilled: H 20, HR 5" in claims["robot-more-holes"].text
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("condition", ["H", "HR"])
 def test_a_person_drills_a_hole(condition):

@@ -117,6 +117,7 @@ def test_both_robots_are_held_leaned_and_let_go_over_the_whole_range() -> None:
     assert all(scene(p).seconds < 20.0 for p in chosen)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_short_study_runs_a_relaxed_hand_is_still_and_a_released_handle_stops(tmp_path: Path) -> None:
     result = run(tmp_path, True, Here({TRIAL: trial}))  # type: ignore[arg-type]

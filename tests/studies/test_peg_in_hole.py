@@ -193,6 +193,7 @@ def test_the_figure(tmp_path: Path) -> None:
     assert (tmp_path / "peg.png").stat().st_size > 5000
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_short_study_runs(tmp_path: Path) -> None:
     result = run(tmp_path, quick=True, runner=Runner(LocalEngine(1)))

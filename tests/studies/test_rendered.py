@@ -66,6 +66,7 @@ def test_claims_are_of_our_law_and_of_what_a_person_does_on_purpose(tmp_path: Pa
     assert (tmp_path / "bode.png").stat().st_size > 10_000
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
     result = run(tmp_path, True, Here({TRIAL: trial}))

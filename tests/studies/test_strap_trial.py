@@ -30,6 +30,7 @@ def test_the_laws_arm_is_the_worlds(reference):
     assert np.linalg.norm(np.ptp(reference.tip, axis=0)) > 0.15, "it moves"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.parametrize("firmness", ["soft", "medium", "hard"])
 def test_roll_and_pitch_help_and_a_drifted_yaw_harms(firmness, reference):
@@ -43,12 +44,14 @@ def test_roll_and_pitch_help_and_a_drifted_yaw_harms(firmness, reference):
     assert perfect < law
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_suit_without_its_errors_is_as_good_a_reference(reference):
     by_imu, by_suit = (millimetres(Trial("medium", way).run(SECONDS), reference) for way in ("roll-pitch", "by-suit"))
     assert by_suit == pytest.approx(by_imu, abs=2.0)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_datasheets_static_error_costs_what_its_lever_says(reference):
     """1.5 degrees, the sensor's static error, on one of the two sensors: about its sine times the lever, 15 mm."""
@@ -57,6 +60,7 @@ def test_the_datasheets_static_error_costs_what_its_lever_says(reference):
     assert 0.005 < off.error(exact) < 0.026 * 0.6 * 1.2
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_drop_outs_and_drifting_yaws_of_the_sensors_cost_next_to_nothing(reference):
     exact = millimetres(Trial("medium", "roll-pitch").run(SECONDS), reference)

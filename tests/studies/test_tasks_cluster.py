@@ -49,6 +49,7 @@ def test_a_worker_and_then_the_client_are_killed_and_the_rows_are_those_of_one_m
     assert kept(out) == kept(tmp_path / "local" / "toy")
 
 
+@pytest.mark.exhaustive
 def test_a_scheduler_that_dies_ends_the_study_with_what_is_kept(tmp_path: Path) -> None:
     env = installed(tmp_path / "toy") | {"TOY_GATE": str(tmp_path / "gate")}
     with DaskCluster(tmp_path / "dask", env) as dask:

@@ -134,6 +134,7 @@ def test_a_program_that_is_edited_while_the_study_runs_is_noticed(toy: Any, tmp_
         run(toy, tmp_path / "out", 1)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT], ids=lambda s: s.name)
 def test_a_client_that_is_killed_half_way_goes_on_where_it_was(tmp_path: Path, by: signal.Signals) -> None:

@@ -351,6 +351,7 @@ def recorded(actor: Leader, path: Path) -> None:
     file.close()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_simulated_arm_is_found_where_it_stands(folder: Path) -> None:
     reported: dict[str, Any] = summary(call(folder, "calibrate", "cell.yaml", "frames", "--sim", "--json"))

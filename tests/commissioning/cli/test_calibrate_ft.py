@@ -277,6 +277,7 @@ def recorded(actor: Turner, path: Path) -> None:
     file.close()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_simulated_handle_of_a_shipped_profile_is_found(tmp_path: Path) -> None:
     """The robot isn't there: the person has the sensor in the hands, and nobody holds the handle."""

@@ -238,6 +238,7 @@ def recorded(actor: Pretender, path: Path) -> None:
     file.close()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_simulated_body_is_calibrated_and_then_recognised(tmp_path: Path) -> None:
     (tmp_path / "suit.yaml").write_text(PROFILE.replace("rate: 20", "rate: 100"))

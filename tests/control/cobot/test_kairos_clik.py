@@ -96,6 +96,7 @@ def test_it_begins_at_rest() -> None:
         np.testing.assert_allclose(world(controller), 0, atol=1e-12)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_it_converges_within_the_horizon_of_its_gains() -> None:
     """exp(-K t), but for the percent that W_2 takes: 0.5 rad at K = 0.01 needs 625 s to come below 0.001."""

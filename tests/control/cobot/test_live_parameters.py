@@ -53,6 +53,7 @@ def test_moca_s_stiffness_and_damping_change_without_a_step_in_force(
     assert steps[-1] == 0.0  # within a second
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("made", [KairosClik, KairosQp])
 def test_kairos_gain_and_speed_change_without_a_step(made: type[KairosClik]) -> None:

@@ -214,6 +214,7 @@ def test_the_base_keeps_off_an_obstacle_too() -> None:
     assert found["nearest"] == "base/step"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_moca_keeps_off_a_wall_in_simulation() -> None:
     """Pulled by 15 N towards a wall that isn't there in the physics; the closed form goes on into it."""

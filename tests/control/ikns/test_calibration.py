@@ -60,6 +60,7 @@ def read(c: Calibration, sibson: Sibson, q: Array, hand: Array) -> Array:
     return result
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(("half", "degrees"), [(0.1, 0.05), (0.25, 0.3), (0.5, 1.0), (0.8, 2.5)])
 def test_the_direction_lies_in_the_null_space(half: float, degrees: float) -> None:

@@ -54,6 +54,7 @@ def test_a_hold_that_lasts_is_the_loss_of_the_person(file: Path) -> None:
     assert not made.lost
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_holds_add_up_and_what_is_seen_between_them_is_taken_off(file: Path) -> None:
     arm, made = Arm(), law(file)

@@ -302,6 +302,7 @@ def test_a_fit_that_leaves_out_more_than_a_search_would_is_followed_and_not_show
             assert off(fit.angles[None], posture[None]).max() < (3.0 if 38 <= i < 42 else 0.3), i
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @given(st.integers(0, 10_000), st.floats(0.015, 0.05))
 @settings(max_examples=30, deadline=None)

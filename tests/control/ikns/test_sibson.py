@@ -149,6 +149,7 @@ def counted(sites: Array, x: Array, n: int) -> tuple[Array, int]:
         half *= 1.25
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("sites", [BOX, jittered(0), scattered(12)], ids=["box", "jittered", "scattered"])
 def test_the_volumes_are_those_that_points_count(sites: Array) -> None:

@@ -69,6 +69,7 @@ def crossing(bench: Bench) -> None:
     bench.person.go((1.0 - share) * np.array([-0.5, 0.3, 0.2]) + share * middle)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("around", ["bend", "wait"])
 def test_body_that_crosses_the_path_is_waited_for(around: str) -> None:

@@ -350,6 +350,7 @@ def test_attacks_that_it_knows_of_or_sees_leave_no_blame(attack):
     assert together(attack, SEEDS).blamed == 0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "attack",

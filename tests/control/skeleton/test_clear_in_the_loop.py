@@ -17,6 +17,7 @@ POSTURES = np.array(
 )
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_arm_goes_to_its_postures_and_never_approaches_what_it_touches() -> None:
     _, text, _ = profile.find("human-srl")

@@ -274,6 +274,7 @@ def test_muted_software_goes_silent_and_its_samples_grow_old() -> None:
 # -- software that hangs
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["binary", "text"])
 @pytest.mark.parametrize("port", [TCP, UDP])

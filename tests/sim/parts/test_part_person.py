@@ -161,6 +161,7 @@ def test_a_robot_unlike_the_known_one_is_guided_by_sight():
     assert np.abs(seen["person_tool"][-100:] - [0.3, 0, 0]).max() < 0.012
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("stiffness", "damping"),

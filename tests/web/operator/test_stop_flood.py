@@ -221,6 +221,7 @@ def test_a_new_connection_stops_during_a_flood_and_it_is_told(served: Served, mo
     talk(served.process, page, kept=served.kept)
 
 
+@pytest.mark.sampled(1)
 def test_a_connection_that_shows_no_key_is_ended(served: Served) -> None:
     for output in (b"", b"GET / HTTP/1.1\r\nHost: x\r\n"):
         with socket.create_connection(("127.0.0.1", served.port), timeout=15) as idle:

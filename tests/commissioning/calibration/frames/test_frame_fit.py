@@ -132,6 +132,7 @@ def test_the_closed_form_is_that_of_park_and_martin(seed: int) -> None:
     np.testing.assert_allclose(Y[:3, 3], tY, atol=1e-5)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["points", "poses"])
 def test_the_stated_uncertainty_is_that_of_many_repetitions(what: str) -> None:
