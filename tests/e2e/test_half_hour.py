@@ -30,7 +30,7 @@ from srl.runtime.ipc.header import State
 from srl.runtime.recording.reader import read
 
 PAGE = ROOT / "docs" / "half-hour.md"
-FIRST = 60.0  # s for which the hand is flat at first: until the calibration has begun
+FIRST = 45.0  # s for which the hand is flat at first: until the calibration has begun
 HELD = 9.0  # s for which it keeps each further shape
 MOVES = 0.8  # s from one to the next
 AFTER = 400.0  # s in which the hand opens and closes, once the shapes are over
@@ -153,6 +153,8 @@ def test_from_an_empty_folder_to_a_calibrated_finger_that_follows_the_hand(
             jog.type("s")
             jog.until(lambda: "active" in jog.text, "motion may begin")
             jog.type("q")
+
+    with TwinProcess(*hardware):  # the hand's shapes begin with the twin
         with lab.terminal(f"srl calibrate my-finger.yaml glove --person {PERSON} -o p07.json") as glove:
             glove.until(lambda: "All shapes are done" in glove.text, "the last shape", 250.0)
             glove.type("\n")
