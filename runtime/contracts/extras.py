@@ -42,7 +42,7 @@ def import_remedy(error: Exception) -> str:
     if top in OLD:
         return f"It was written for an earlier {PACKAGE}: import 'srl.{missing}', or what 'srl' itself offers"
     if top == "srl":
-        return f"It expects another version of {PACKAGE}. CHANGELOG.md says where modules went"
+        return f"It expects another version of {PACKAGE}. docs/extending.md says what a package imports"
     if not isinstance(error, ImportError):
         return "Mend that package, or uninstall it"
     return remedy(missing) or "Install what is missing into the runtime's environment"

@@ -94,6 +94,7 @@ def in_motion(recording: Recording, name: str) -> Array:
     return values.reshape(len(values), -1)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("dynamixel", [False, True], ids=["firmata", "dynamixel"])
 def test_the_wire_gives_the_path_of_the_fakes(dynamixel: bool, tmp_path: Path) -> None:
@@ -133,6 +134,7 @@ def test_the_wire_gives_the_path_of_the_fakes(dynamixel: bool, tmp_path: Path) -
     assert off.max() < 0.03
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("fault", ["close", "mute"])
 def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path: Path) -> None:

@@ -129,6 +129,7 @@ def let_go(jogged: Jogged) -> None:
     jogged.page.ask("Input.dispatchKeyEvent", type="keyUp", **RIGHT)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("end", [killed, hung, crashed, let_go])
 def test_a_held_jog_ends_with_whatever_ends_it(
     tmp_path: Path, browser: Chromium, end: Callable[[Jogged], None]

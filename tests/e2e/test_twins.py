@@ -152,6 +152,7 @@ def test_what_was_commanded_is_what_the_servos_got(twin_run: tuple[Recording, An
         assert angle == pytest.approx(applied[-1, joint], abs=0.002)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["close", "mute"])
 def test_a_glove_that_falls_out_in_motion(fault: str, tmp_path: Path) -> None:
@@ -195,6 +196,7 @@ def _assert_no_step(recording: Recording) -> None:
     assert np.abs(np.diff(velocity, axis=0)).max() <= 40.0 * 0.010 * 2.05
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals, tmp_path: Path, waving: Path) -> None:

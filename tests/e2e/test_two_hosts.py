@@ -105,6 +105,7 @@ def overrides(**values: Any) -> list[str]:
     ]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("silence", "seconds"),
     [

@@ -186,6 +186,7 @@ def test_ready_then_watchdog_then_a_safe_stop(tmp_path: Path, monkeypatch: pytes
     assert "(request)" in run.stderr
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_watchdog_falls_silent_with_the_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The supervisor can't speak for a loop that hangs. Both are halted here, as a stuck machine would do."""

@@ -156,6 +156,7 @@ def test_it_starts_and_waits_for_a_person(machine: Machine) -> None:
     assert {device["message"] for device in show(machine)["devices"].values()} == {"connected"}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("line", "cause"),
     [
@@ -191,6 +192,7 @@ def test_a_bus_that_dies_is_started_again_and_the_limb_goes_on(limb: Machine) ->
     assert (show(limb)["state"], unit(limb, "NRestarts")) == ("active", "0")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "line", [f"systemctl stop {UNIT}", f"systemctl kill --signal TERM {UNIT}", f"srl stop --exit {NAME}"]
 )

@@ -333,6 +333,7 @@ def test_the_arm_runs_into_a_wearer_who_doesn_t_look_only_without_a_clearance():
     assert max(on.contacts, default=0.0) <= 0.02
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "attack",

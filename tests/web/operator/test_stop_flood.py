@@ -207,6 +207,7 @@ def test_the_open_connection_stops_while_no_other_can_be_had(served: Served) -> 
     talk(served.process, page, kept=served.kept)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("mode", ["idle", "slow", "asks"])
 def test_a_new_connection_stops_during_a_flood_and_it_is_told(served: Served, mode: str) -> None:
     async def page(tab: Socket) -> None:
