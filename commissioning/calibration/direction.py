@@ -1,4 +1,4 @@
-"""The sense that a person is used to: a new calibration keeps that of the file that stands there.
+"""The direction that a person is used to: a new calibration keeps that of the file that stands there.
 
 A recording doesn't hold it: it is turned round by `--flip`, or by a key, after the samples were taken.
 """
@@ -19,7 +19,7 @@ from srl.runtime.contracts.errors import RequestError
 
 
 class Directions:
-    """The files whose sense may be kept, as they are before the calibration."""
+    """The files whose direction may be kept, as they are before the calibration."""
 
     def __init__(self, named: Path | None, others: Sequence[Path]) -> None:
         """Reads them.
@@ -41,13 +41,13 @@ class Directions:
         for path, made in self._found:
             lack = _lack(made, options)
             if lack and self._named:
-                raise RequestError(f"--sense {path}", lack, "Name a calibration file of the same person and joints")
+                raise RequestError(f"--direction {path}", lack, "Name a calibration file of the same person and joints")
             if not lack:
                 return path, made
         return None
 
     def kept(self, result: Result) -> Result:
-        """The calibration with the sense of the file that fits, if there is one; its result names both."""
+        """The calibration with the direction of the file that fits, if there is one; its result names both."""
         fitting = self.of(result.channel_map.options)
         if fitting is None:
             return result
@@ -67,7 +67,7 @@ def standing(path: Path) -> Record | None:
 
 
 def _lack(made: Record, options: MarksConfig) -> str:
-    """Why a file's sense can't be compared; empty if it can."""
+    """Why a file's direction can't be compared; empty if it can."""
     if made.person != options.person:
         return f"it is of {made.person}, and this calibration of {options.person}"
     if set(made.dofs) != set(options.dofs):

@@ -35,35 +35,27 @@ class Step(Protocol):
         """Of its samples."""
 
 
-class View(Protocol):
-    """What a person is shown."""
+@dataclass(frozen=True)
+class View:
+    """What a person is shown.
 
-    @property
-    def step(self) -> Step:
-        """The present one."""
+    Attributes:
+        step: the present one.
+        task: what to do now, one sentence.
+        lack: why the step isn't over, or what is wrong; "" for nothing.
+        missing: what isn't measured now; "" for nothing.
+        states: of each thing to be done: waiting, now, done, weak (with the reason), left out.
+        bars: how far it is.
+        things: what these are: "points".
+    """
 
-    @property
-    def task(self) -> str:
-        """What to do now, one sentence."""
-
-    @property
-    def lack(self) -> str:
-        """Why the step isn't over, or what is wrong; "" for nothing."""
-
-    @property
-    def missing(self) -> str:
-        """What isn't measured now; "" for nothing."""
-
-    @property
-    def states(self) -> Sequence[str]:
-        """Of each thing to be done: waiting, now, done, weak (with the reason), left out."""
-
-    @property
-    def things(self) -> str:
-        """What these are: "points"."""
-
-    def bars(self) -> Sequence[Bar]:
-        """How far it is."""
+    step: Step
+    task: str
+    lack: str
+    missing: str
+    states: Sequence[str]
+    bars: Sequence[Bar]
+    things: str
 
 
 class Samples(Protocol):

@@ -86,7 +86,7 @@ class PanelScreen(Screen):
         self._shown = {
             "task": view.task, "lack": view.lack, "missing": view.missing, "things": view.things,
             "states": list(view.states), "asks": False, "joint": self.joint,
-            "bars": [{"name": b.name, "share": _share(b.share), "said": b.output, "good": b.good} for b in view.bars()],
+            "bars": [{"name": b.name, "share": _share(b.share), "said": b.output, "good": b.good} for b in view.bars],
         }  # fmt: skip
         self._tell()
 

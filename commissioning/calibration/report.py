@@ -52,7 +52,10 @@ def metrics(result: Result) -> dict[str, Any]:
         "lost": found.lost,
         "noise_per_mm": _noise(result),
         "crosstalk": crosstalk(result),
-        "sense": {"file": None if result.direction is None else str(result.direction), "turned": list(result.turned)},
+        "direction": {
+            "file": None if result.direction is None else str(result.direction),
+            "turned": list(result.turned),
+        },
         "points": points,
         "refusals": [{"place": r.place, "problem": r.problem, "remedy": r.remedy} for r in result.refusals],
     }
@@ -86,7 +89,7 @@ def lines(result: Result) -> list[str]:
         text.append(f"  expected noise of c per mm of marker noise, mean of the points: {each}")
     if result.direction is not None:
         turned = f": {', '.join(result.turned)} turned round for it" if result.turned else ""
-        text.append(f"  the sense is that of {result.direction}{turned}")
+        text.append(f"  the direction is that of {result.direction}{turned}")
     if reported["crosstalk"] is not None:
         share = f"{reported['crosstalk']:.3f}"
         text.append(f"  while one DoF moves, another goes through {share} of its range at most (in these samples)")

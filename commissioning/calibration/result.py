@@ -34,7 +34,7 @@ class Result:
         date: of the recording.
         noise: (N, k), standard deviation of c per mm of marker noise; None where angles aren't from markers.
         refusals: why it can't be used; none if it can.
-        direction: the file whose sense was kept; None if there was none.
+        direction: the file whose direction was kept; None if there was none.
         turned: DoFs that were turned round for it.
     """
 
@@ -54,7 +54,7 @@ class Result:
         return self.channel_map.options.dofs
 
     def flipped(self, dof: str) -> Result:
-        """The same with the sense of a DoF turned round. Raises RequestError: there is no such DoF."""
+        """The same with the direction of a DoF turned round. Raises RequestError: there is no such DoF."""
         if dof not in self.dofs:
             raise RequestError("flip", f"there is no degree of freedom '{dof}'", nearest(dof, self.dofs))
         return replace(self, found=flipped(self.found, self.dofs.index(dof)))

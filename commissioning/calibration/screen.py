@@ -174,7 +174,7 @@ def picture(title: str, view: View, typed: str = "") -> Panel:
     """The live picture of a view."""
     rows: list[Any] = [Text(view.task, style="bold white on blue", justify="center"), Text()]
     table = Table.grid(padding=(0, 2))
-    for each in view.bars():
+    for each in view.bars:
         colours: dict[str, Any] = {}
         if each.good is not None:
             colour = "green" if each.good else "red"

@@ -41,9 +41,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--dofs", metavar="NAMES", help="degrees of freedom; default: swivel")
     parser.add_argument("--points", type=int, metavar="N", help="number of points; default: 10")
-    parser.add_argument("--flip", action="append", default=[], metavar="DOF", help="turn its sense round")
+    parser.add_argument("--flip", action="append", default=[], metavar="DOF", help="turn its direction round")
     parser.add_argument(
-        "--sense", type=Path, metavar="FILE", help="keep the sense of this file; default: of the one that is replaced"
+        "--direction",
+        "--sense",
+        type=Path,
+        metavar="FILE",
+        help="keep the direction of this file; default: of the one that is replaced",
     )
     parser.add_argument("--actions", metavar="NAMES", help="actions to record, for intention; default: the ten")
     parser.add_argument(

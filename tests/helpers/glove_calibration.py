@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from srl.commissioning.calibration.glove.method import ChannelMap, GloveMethod
-from srl.commissioning.calibration.glove.procedure import Step
 from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
+from srl.commissioning.calibration.things import Step
 from srl.runtime.contracts.wearer import Shape
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.models.human_hand import SENSORS
@@ -76,7 +76,7 @@ class Gloved(RowSource):
 
     def begin(self, procedure: Any) -> None:
         self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
-        self.step, self._shape = procedure.step, procedure.step.shape
+        self.step, self._shape = procedure.step, procedure.step.number
         reported = procedure.instruction()
         if isinstance(reported, Shape) and self._shape not in self.stays:
             self.shaped += 1

@@ -13,7 +13,7 @@ from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.commissioning.calibration.suit.method import ChannelMap, SuitMethod
-from srl.commissioning.calibration.suit.procedure import Kind, Step
+from srl.commissioning.calibration.things import Kind, Step
 from srl.drivers.noitom.skeleton import Skeleton
 from srl.runtime.contracts.wearer import Return, Walk
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
@@ -89,8 +89,8 @@ class Suited(RowSource):
         reported = procedure.instruction()
         if isinstance(reported, Walk | Return):
             self._walks = isinstance(reported, Walk)
-        if procedure.step.kind is Kind.COME:
-            self._yaw = self.faces.get(procedure.step.stand, 0.0)
+        if procedure.step.kind is Kind.GO:
+            self._yaw = self.faces.get(procedure.step.number, 0.0)
             self._off = self._random.normal(0.0, self.scatter, len(BODY.names))
 
     def close(self) -> None:
@@ -99,8 +99,8 @@ class Suited(RowSource):
     def _next(self) -> Any:
         self._t += 1
         row = self.graph.row
-        stand = self.step.stand if self.step is not None else 0
-        stale = stand in self.gone and self.step is not None and self.step.kind is not Kind.WALK
+        stand = self.step.number if self.step is not None else 0
+        stale = stand in self.gone and self.step is not None and self.step.kind is not Kind.PAUSE
         row.devices[0, DEVICE.link] = LINK_CONNECTED | (LINK_STALE if stale else 0)
         if not stale:
             row.views["suit.rotation"][:] = self._rotations(stand)

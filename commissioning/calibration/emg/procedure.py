@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from srl.commissioning.calibration.emg.fit import Thresholds
 from srl.commissioning.calibration.emg.samples import IDLE, REST, Plan, Samples, mark
-from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.guided import Bar, View
 from srl.control.emg.blocks import GONE, Stream
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Contract, Instruction, Rest
@@ -43,23 +43,6 @@ class Step:
         if self.kind is Kind.CONTRACT:
             return mark(self.muscle, self.repeat)
         return REST if self.kind is Kind.REST else IDLE
-
-
-@dataclass(frozen=True)
-class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
-
-    step: Step
-    task: str
-    lack: str
-    missing: str
-    states: tuple[str, ...]
-    reported: tuple[Bar, ...]
-    things: ClassVar[str] = "muscles"
-
-    def bars(self) -> tuple[Bar, ...]:
-        """How far it is."""
-        return self.reported
 
 
 class Procedure:
@@ -190,7 +173,7 @@ class Procedure:
         lack = "no contraction is seen yet" if kind is Kind.CONTRACT and np.isnan(self._onset) else ""
         silent = ", ".join(self._muscles[i] for i in self._silent)
         missing = "" if self._stream.settled or np.isnan(self._now) else f"not measured: {silent or 'the muscles'}"
-        return View(self.step, words[kind], lack, missing, self._states(), self._bars())
+        return View(self.step, words[kind], lack, missing, self._states(), self._bars(), "muscles")
 
     def _bars(self) -> tuple[Bar, ...]:
         kind, plan = self.step.kind, self.plan

@@ -16,13 +16,12 @@ from scipy.spatial.transform import Rotation
 from srl.commissioning.calibration.frames.exchanged import exchanged
 from srl.commissioning.calibration.frames.fit import FEWEST, MountError, Thresholds
 from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.things import LEFT_OUT
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.rotation import Vector
 from srl.runtime.contracts.signals import Array
 
-IDLE: Final = 0
-LEFT_OUT: Final = 100
 MOST: Final = 30  # points or poses
 
 

@@ -14,12 +14,11 @@ from pydantic import Field
 
 from srl.commissioning.calibration.ft.fit import FtError, Thresholds
 from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.things import LEFT_OUT
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
-IDLE: Final = 0
-LEFT_OUT: Final = 100
 MOST: Final = 30  # poses
 
 

@@ -19,7 +19,6 @@ from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
-IDLE: Final = 0
 _BLOCKS: Final = 5
 _SHARE: Final = 0.8  # of a shape's samples that must be measured: a radio loses some
 

@@ -34,7 +34,7 @@ class IknsMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
     law, option, kind, error = profile_subset.LAW, "calibration", record.Record, CalibrationError
-    next, thing = "f DOF flip its sense", "points"
+    next, thing = "f DOF flip its direction", "points"
     report: ClassVar[ModuleType] = ikns_report
 
     def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
@@ -79,7 +79,7 @@ class IknsMethod(Method[ChannelMap, Result]):
         return ended(samples)
 
     def ready(self, channel_map: ChannelMap) -> None:
-        """Checks what the command line says of the sense."""
+        """Checks what the command line says of the direction."""
         flip, options = self.order.flip, channel_map.options
         for dof in flip:
             if dof not in options.dofs:
@@ -88,8 +88,8 @@ class IknsMethod(Method[ChannelMap, Result]):
                 raise RequestError("--flip", f"'{dof}' is named twice, which would turn nothing", "Name it once")
         if self._directions.of(options) is None and (self.order.recording or self.order.redo):
             self.say(
-                f"No calibration file of {options.person} with these joints stands there, so the sense is as computed: "
-                "what was turned round before (--flip, f) isn't in a recording. --sense FILE takes it from a file"
+                f"No calibration file of {options.person} with these joints stands there, so the direction is as computed: "
+                "what was turned round before (--flip, f) isn't in a recording. --direction FILE takes it from a file"
             )
 
     def procedure(self, before: Sequence[Samples]) -> Procedure:
@@ -116,7 +116,7 @@ class IknsMethod(Method[ChannelMap, Result]):
         return result
 
     def choices(self, result: Result) -> list[tuple[str, str]]:
-        return [(f"f {dof}", f"Flip the sense of {dof}") for dof in result.dofs]
+        return [(f"f {dof}", f"Flip the direction of {dof}") for dof in result.dofs]
 
     def record(self, result: Result) -> record.Record:
         return result.record()

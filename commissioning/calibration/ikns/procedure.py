@@ -12,9 +12,10 @@ from typing import Final, cast
 import numpy as np
 from pydantic import Field
 
+from srl.commissioning.calibration.guided import View
 from srl.commissioning.calibration.ikns import marks
 from srl.commissioning.calibration.ikns.samples import LEAST_POINTS, Samples
-from srl.commissioning.calibration.ikns.steps import Kind, Step, View
+from srl.commissioning.calibration.ikns.steps import Kind, Progress, Step
 from srl.control.ikns.calibration import CalibrationError, Thresholds
 from srl.control.ikns.clusters import box_points, hand_speed
 from srl.runtime.contracts.options import Options
@@ -169,13 +170,13 @@ class Procedure:
         trial = self.step.kind is Kind.TRIAL
         # What a trial lacks, it may still get in its time.
         lack = self._unseen() if trial and self._elapsed < self._span() else self._lack
-        return View(
-            self.step, self._task(gap), lack, min(self._elapsed / self._span(), 1.0),
-            float(moving[-1]) if len(moving) else np.nan, float(np.linalg.norm(gap)),
-            1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0, self._kept if trial else 0,
-            self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range, self._box,
-            tuple(self._state(at) for at in range(len(self._lacks))),
+        progress = Progress(
+            self.step, min(self._elapsed / self._span(), 1.0), float(moving[-1]) if len(moving) else np.nan,
+            float(np.linalg.norm(gap)), 1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0,
+            self._kept if trial else 0, self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range,
+            self._box,
         )  # fmt: skip
+        return progress.view(self._task(gap), lack, tuple(self._state(at) for at in range(len(self._lacks))))
 
     # Steps
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
-from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.guided import Bar, View
 from srl.commissioning.calibration.ikns import marks
 from srl.runtime.contracts.signals import Array
 
@@ -43,27 +44,22 @@ class Step:
 
 
 @dataclass(frozen=True)
-class View:
-    """What a person is shown.
+class Progress:
+    """How far a step is.
 
     Attributes:
         step: the present one.
-        task: what to do now, one sentence.
-        lack: why the step isn't over, or what is wrong; "" for nothing.
-        progress: 0 to 1, of the step's time.
+        share: 0 to 1, of the step's time.
         speed: m/s, of the hand. Not finite if it isn't seen, as all others.
         distance: m, of the hand from the step's point.
         lost: share of the newest samples without angles or hand.
         kept, needed: number of samples of the trial.
         range, least_range: rad, of the trial's motion.
         box: (2, 3) m, least and greatest position explored so far; None before.
-        states: of each point: waiting, now, done, weak (with the reasons), left out.
     """
 
     step: Step
-    task: str
-    lack: str
-    progress: float
+    share: float
     speed: float
     distance: float
     lost: float
@@ -72,20 +68,18 @@ class View:
     range: float
     least_range: float
     box: Array | None
-    states: tuple[str, ...]
-    things: ClassVar[str] = "points"
 
-    @property
-    def missing(self) -> str:
-        """What isn't measured now; "" for nothing."""
-        return f"{self.lost:.0%} of the samples lack angles or hand" if self.lost > 0.0 else ""
+    def view(self, task: str, lack: str, states: Sequence[str]) -> View:
+        """What a person is shown, with the task, what is wrong, and the state of each point."""
+        missing = f"{self.lost:.0%} of the samples lack angles or hand" if self.lost > 0.0 else ""
+        return View(self.step, task, lack, missing, states, self.bars(), "points")
 
     def bars(self) -> list[Bar]:
         """How far it is."""
         seen, slow = np.isfinite(self.speed), np.isfinite(self.speed) and self.speed < _CALM
         output = f"{100 * self.speed:.1f} cm/s" if seen else "not seen"
         bars = [
-            Bar("step", self.progress, self.step.kind.value),
+            Bar("step", self.share, self.step.kind.value),
             Bar(
                 "hand's speed",
                 min(self.speed / 0.1, 1.0) if seen else 1.0,

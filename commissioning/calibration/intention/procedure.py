@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar, Final, cast, get_args
+from typing import Final, cast, get_args
 
 import numpy as np
 from pydantic import Field
 
-from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.guided import Bar, View
 from srl.commissioning.calibration.intention import marks
 from srl.commissioning.calibration.intention.samples import Samples
 from srl.control.intention.features import POSTURE
@@ -77,37 +77,6 @@ class Step:
         """The mark of its samples."""
         number = {Kind.STAND: marks.STAND, Kind.WALK: marks.WALK, Kind.ACTION: self.action}.get(self.kind)
         return self.undone if number is None else marks.mark_of(self.turn, number)
-
-
-@dataclass(frozen=True)
-class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`.
-
-    `progress`: 0 to 1, of the step's time; `turn`, `turns`: the round, from 1 on, and their number; `lost`: share of
-    the step's samples that weren't measured.
-    """
-
-    step: Step
-    task: str
-    lack: str
-    progress: float
-    turn: int
-    turns: int
-    lost: float
-    states: tuple[str, ...]
-    things: ClassVar[str] = "actions"
-
-    @property
-    def missing(self) -> str:
-        """What isn't measured now; "" for nothing."""
-        return f"{self.lost:.0%} of the samples are missing" if self.lost > 0.0 else ""
-
-    def bars(self) -> list[Bar]:
-        """How far it is."""
-        return [
-            Bar("step", self.progress, self.step.kind.value),
-            Bar("round", self.turn / self.turns, f"{self.turn} of {self.turns}"),
-        ]
 
 
 class Procedure:
@@ -192,9 +161,12 @@ class Procedure:
         # What an action lacks, it may still get in its time.
         lack = self._lack if self._elapsed() >= self._span() else ""
         progress = min(self._elapsed() / self._span(), 1.0)
-        return View(
-            self.step, self._task(), lack, progress, turn, self.plan.rounds, self._lost, tuple(self._states)
-        )  # fmt: skip
+        lost = f"{self._lost:.0%} of the samples are missing" if self._lost > 0.0 else ""
+        bars = (
+            Bar("step", progress, self.step.kind.value),
+            Bar("round", turn / self.plan.rounds, f"{turn} of {self.plan.rounds}"),
+        )
+        return View(self.step, self._task(), lack, lost, tuple(self._states), bars, "actions")
 
     @staticmethod
     def _trial(turn: int, number: int) -> list[Step]:

@@ -1,4 +1,4 @@
-"""A joint's trim, sense and scale from where its servo stands at one or two known angles of the joint.
+"""A joint's trim, direction and scale from where its servo stands at one or two known angles of the joint.
 
 The profile's entry gives the servo's angle n. With the entry turned round it is m = mirror - n. The joint's angle is
 q = scale (m - trim), where m is n or turned round, so that the scale is positive.

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from math import degrees
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
-from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.guided import Bar, View
 from srl.commissioning.calibration.servos import samples as marks
 from srl.commissioning.calibration.servos.fit import Seat, ServoError, refusals, seat
 from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig, angles
@@ -53,23 +53,6 @@ class Step:
     def moves(self) -> int | None:
         """The joint, from 0 on, that the person's keys may move; None: none."""
         return self.joint - 1 if self.kind in (Kind.MOVE, Kind.HOME) else None
-
-
-@dataclass(frozen=True)
-class View:
-    """What a person is shown. Attributes as in `srl.commissioning.calibration.guided.View`; `reported`: the bars."""
-
-    step: Step
-    task: str
-    lack: str
-    missing: str
-    states: tuple[str, ...]
-    reported: tuple[Bar, ...]
-    things: ClassVar[str] = "joints"
-
-    def bars(self) -> tuple[Bar, ...]:
-        """How far it is."""
-        return self.reported
 
 
 class Procedure:
@@ -259,7 +242,7 @@ class Procedure:
         step, lack = self.step, ""
         lost = not self.done and not bool(np.isfinite(self._at[step.joint - 1]))
         missing = "where the joint is isn't known" if lost and len(self._times) else ""
-        return View(step, self._task(), lack, missing, self._states(), self._bars())
+        return View(step, self._task(), lack, missing, self._states(), self._bars(), "joints")
 
     def _task(self) -> str:
         step = self.step

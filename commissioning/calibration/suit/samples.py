@@ -19,7 +19,6 @@ from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
-IDLE: Final = 0
 MOST: Final = 30  # stands
 _BLOCKS: Final = 5
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.guided import Bar, View
 from srl.commissioning.calibration.task import samples as marks
 from srl.commissioning.calibration.task.samples import Samples
 from srl.control.operation.demonstration import LONGEST
@@ -46,23 +45,6 @@ class Step:
     def mark(self) -> int:
         """The mark of its samples."""
         return {Kind.STAND: marks.STILL, Kind.SHOW: marks.SHOWN, Kind.DONE: marks.IDLE}[self.kind]
-
-
-@dataclass(frozen=True)
-class View:
-    """What a person is shown. Attributes as in `guided.View`; `progress`: 0 to 1, of a step."""
-
-    step: Step
-    task: str
-    lack: str
-    missing: str
-    progress: float
-    states: tuple[str, ...]
-    things: ClassVar[str] = "tasks"
-
-    def bars(self) -> list[Bar]:
-        """How far it is."""
-        return [Bar("step", self.progress, self.step.kind.value)]
 
 
 class Procedure:
@@ -132,7 +114,10 @@ class Procedure:
         lack = "the hand hasn't moved" if self.step.kind is Kind.SHOW and not self._moved() else ""
         missing = f"{lost:.0%} of the samples are missing" if lost > 0.0 else ""
         progress = 1.0 if self.done else min(self._elapsed() / span, 1.0)
-        return View(self.step, words[self.step.kind], lack, missing, progress, ("done" if self.done else "now",))
+        return View(
+            self.step, words[self.step.kind], lack, missing, ("done" if self.done else "now",),
+            (Bar("step", progress, self.step.kind.value),), "tasks",
+        )  # fmt: skip
 
     def _elapsed(self) -> float:
         return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0

@@ -13,7 +13,8 @@ from rich.console import Console
 
 from srl.commissioning.calibration import method, session
 from srl.commissioning.calibration.guide import QuitError
-from srl.commissioning.calibration.ikns.steps import Kind, Step, View
+from srl.commissioning.calibration.guided import View
+from srl.commissioning.calibration.ikns.steps import Kind, Progress, Step
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.screen import Screen, Terminal, picture
 from srl.control.ikns import record
@@ -32,11 +33,13 @@ def text(view: View, typed: str = "", title: str = "calibrate") -> str:
 
 def view(**changes: object) -> View:
     values: dict[str, object] = {
-        "step": Step(Kind.TRIAL, 2, 0), "task": "Swing the elbow", "lack": "", "progress": 0.5, "speed": 0.021,
+        "step": Step(Kind.TRIAL, 2, 0), "task": "Swing the elbow", "lack": "", "share": 0.5, "speed": 0.021,
         "distance": 0.004, "lost": 0.0, "kept": 40, "needed": 100, "range": 0.31, "least_range": 0.15, "box": None,
         "states": ("done", "weak: range 0.1", "now", "left out"),
     }  # fmt: skip
-    return View(**(values | changes))  # type: ignore[arg-type]
+    values |= changes
+    task, lack, states = (values.pop(name) for name in ("task", "lack", "states"))
+    return Progress(**values).view(task, lack, states)  # type: ignore[arg-type]
 
 
 def test_the_picture_says_what_counts() -> None:

@@ -167,7 +167,7 @@ def test_a_shipped_profile_keeps_its_file(
         (["--recording", "a.rrd"], "a.rrd: there is no such file"),
         (["--sim", "--person", "P07", "--flip", "twist"], "no degree of freedom 'twist'"),
         (["--sim", "--person", "P07", "--flip", "swivel", "--flip", "swivel"], "'swivel' is named twice"),
-        (["--sim", "--person", "P07", "--sense", "none.json"], "none.json: it can't be read"),
+        (["--sim", "--person", "P07", "--direction", "none.json"], "none.json: it can't be read"),
         (["--person", "P07", "--instance", "Ada's"], "'Ada's' is no name"),
     ],
 )
@@ -268,12 +268,12 @@ def test_the_sense_that_a_person_is_used_to_stays(
     used = folder / "p07.json"
     assert (along(used, folder / "plain.json") < -0.99).all()
     # Computed again in place of the file, elsewhere with the profile's, and with another that is named.
-    for i, where in enumerate((["--yes"], ["-o", "b.json"], ["-o", "c.json", "--sense", "plain.json"])):
+    for i, where in enumerate((["--yes"], ["-o", "b.json"], ["-o", "c.json", "--direction", "plain.json"])):
         capsys.readouterr()
         assert command("--recording", "run.rrd", "--json", *where) == 0
         reported = json.loads(capsys.readouterr().out)
-        assert Path(reported["sense"]["file"]).name == ("plain.json" if i == 2 else "p07.json")
-        assert reported["sense"]["turned"] == ([] if i == 2 else ["swivel"])
+        assert Path(reported["direction"]["file"]).name == ("plain.json" if i == 2 else "p07.json")
+        assert reported["direction"]["turned"] == ([] if i == 2 else ["swivel"])
         assert (along(Path(reported["file"]), folder / "plain.json") * (1 if i == 2 else -1) > 0.99).all()
     # A point done again, and a turn that is wanted.
     assert command("--sim", "--person", "P07", "--redo", "3", "--from", "run.rrd", "--yes") == 0
@@ -294,8 +294,8 @@ def test_a_recording_alone_says_that_it_holds_no_sense(
     assert command("--recording", "run.rrd") == 0
     assert "what was turned round before (--flip, f) isn't in a recording" in capsys.readouterr().err
     edited(folder / "plain.json", lambda made: made.update(person="P08"), folder / "p08.json")
-    assert command("--recording", "run.rrd", "--yes", "--sense", "p08.json") == 2
-    assert "--sense p08.json: it is of P08" in capsys.readouterr().err
+    assert command("--recording", "run.rrd", "--yes", "--direction", "p08.json") == 2
+    assert "--direction p08.json: it is of P08" in capsys.readouterr().err
 
 
 @pytest.mark.slow

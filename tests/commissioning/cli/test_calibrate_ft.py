@@ -209,7 +209,7 @@ def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:
     actor = Turner(stays=(2,))
     procedure = Procedure(Plan(), Thresholds())
     feed(actor, procedure, 20.0)
-    assert (procedure.step.kind, procedure.step.pose) == (Kind.TURN, 2)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
     assert "it reads as in pose 1" in procedure.view().lack
     actor.stays = ()
     actor.begin(procedure)
@@ -218,7 +218,7 @@ def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:
     feed(actor, procedure, 0.5)
     actor.touched = {2: 3.0}
     feed(actor, procedure, 1.5)
-    assert (procedure.step.kind, procedure.step.pose) == (Kind.TURN, 2)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
 
 
 def test_the_screen_shows_what_to_do_and_what_the_sensor_reads() -> None:
@@ -236,7 +236,7 @@ def test_the_last_wrench_of_a_lost_sensor_counts_for_nothing() -> None:
     actor = Turner(lost=(2,))
     procedure = Procedure(Plan(), Thresholds())
     feed(actor, procedure, 20.0)
-    assert (procedure.step.kind, procedure.step.pose) == (Kind.TURN, 2)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
     assert procedure.view().missing == "the wrench isn't measured"
     actor.lost = ()
     feed(actor, procedure, 60.0)
@@ -246,7 +246,7 @@ def test_the_last_wrench_of_a_lost_sensor_counts_for_nothing() -> None:
 def test_a_pose_left_out_counts_for_nothing() -> None:
     procedure = Procedure(Plan(poses=7), Thresholds())
     actor = Turner(("poses=7",))
-    while procedure.step.pose != 3:
+    while procedure.step.number != 3:
         feed(actor, procedure, 0.1)
     assert procedure.skip() == ""
     feed(actor, procedure, 60.0)

@@ -294,7 +294,7 @@ def test_the_last_counts_of_a_lost_glove_count_for_nothing(how: str) -> None:
     actor, procedure = Gloved(), procedure_of()
     setattr(actor, how, (2,))
     feed(actor, procedure, 20.0)
-    assert (procedure.step.kind, procedure.step.shape) == (Kind.SHAPE, 2)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
     assert procedure.view().missing == "the glove isn't measured"
     setattr(actor, how, ())
     feed(actor, procedure, 90.0)
@@ -304,7 +304,7 @@ def test_the_last_counts_of_a_lost_glove_count_for_nothing(how: str) -> None:
 def test_a_hand_that_stays_or_moves_isnt_taken() -> None:
     actor, procedure = Gloved(stays=(3,)), procedure_of()
     feed(actor, procedure, 20.0)
-    assert (procedure.step.kind, procedure.step.shape) == (Kind.SHAPE, 3)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 3)
     assert procedure.view().lack == "it reads as in the shape before"
     actor.stays, actor.off = (), {3: {"index_mpj": 0.5}}
     actor.begin(procedure)
@@ -312,7 +312,7 @@ def test_a_hand_that_stays_or_moves_isnt_taken() -> None:
         feed(actor, procedure, 0.2)
     actor._from, actor._to, actor._since = actor._to, np.full(22, 0.3), actor._t / 50.0
     feed(actor, procedure, 1.6)
-    assert (procedure.step.kind, procedure.step.shape) == (Kind.SHAPE, 3)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 3)
     assert procedure.skip() == "every shape is needed"
     assert procedure.redo(10) == "the shapes are 1 to 9"
 
@@ -320,7 +320,7 @@ def test_a_hand_that_stays_or_moves_isnt_taken() -> None:
 def test_the_first_shape_waits_until_it_was_read() -> None:
     actor, procedure = Gloved(), Procedure(NAMES, Plan(read=6.0), Angles(), Thresholds())
     feed(actor, procedure, 5.0)
-    assert procedure.step.kind is Kind.SHAPE
+    assert procedure.step.kind is Kind.GO
     feed(actor, procedure, 2.0)
     assert procedure.step.kind is Kind.HOLD
 

@@ -133,7 +133,7 @@ def test_a_stand_begins_only_in_the_pose(actor: dict[str, Any], lack: str) -> No
     wearer = Suited(**actor)
     procedure = procedure_of(wearer)
     feed(wearer, procedure, 60.0)
-    assert procedure.step.kind is Kind.COME
+    assert procedure.step.kind is Kind.GO
     assert lack in procedure.view().lack
 
 
@@ -141,7 +141,7 @@ def test_a_suit_that_is_lost_holds_the_stand_up() -> None:
     wearer = Suited(gone=(1,))
     procedure = procedure_of(wearer)
     feed(wearer, procedure, 10.0)
-    assert (procedure.step.kind, procedure.view().missing) == (Kind.COME, "the suit isn't measured")
+    assert (procedure.step.kind, procedure.view().missing) == (Kind.GO, "the suit isn't measured")
     wearer.gone = ()
     feed(wearer, procedure, 200.0)
     assert procedure.done
@@ -151,7 +151,7 @@ def test_keys_and_the_screen() -> None:
     wearer = Suited()
     procedure = procedure_of(wearer)
     assert procedure.go_on().startswith("it begins by itself")
-    while procedure.step.kind is not Kind.WALK:
+    while procedure.step.kind is not Kind.PAUSE:
         feed(wearer, procedure, 0.4)
     assert procedure.skip() == "every stand is needed"
     assert procedure.redo(5) == "the stands are 1 to 4"
@@ -161,7 +161,7 @@ def test_keys_and_the_screen() -> None:
     for words in ("Walk about and turn", "walk", "stands ", "q quit"):
         assert words in shown
     assert procedure.go_on() == ""
-    assert (procedure.step.kind, procedure.step.stand) == (Kind.COME, 2)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
     assert procedure.redo(1) == ""
     feed(wearer, procedure, 200.0)
     assert procedure.done

@@ -1,0 +1,273 @@
+"""The engine of guided procedures: things that are done one after another, most of them held still meanwhile."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final
+
+import numpy as np
+
+from srl.commissioning.calibration.guided import Bar, View
+from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.wearer import Instruction
+
+IDLE: Final = 0  # the mark of what doesn't count
+LEFT_OUT: Final = 100  # added to a thing's number: it is left out
+
+
+class Kind(Enum):
+    """Kind of a step."""
+
+    GO = "go"
+    HOLD = "hold"
+    PAUSE = "pause"
+    LEAVE = "leave out"
+    DONE = "done"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step; `number` of the thing counts from 1."""
+
+    kind: Kind
+    number: int = 0
+
+    @property
+    def mark(self) -> int:
+        """The mark of its samples."""
+        return {Kind.HOLD: self.number, Kind.LEAVE: LEFT_OUT + self.number}.get(self.kind, IDLE)
+
+
+class Things(ABC):
+    """Goes from thing to thing. A procedure says what its steps are and when one ends.
+
+    Attributes:
+        step: the present step; it has a `kind`, one of which is called DONE, and a `number`.
+        things: what a person calls them: "poses".
+    """
+
+    things: str
+
+    def __init__(self, numbers: Sequence[int], again: bool) -> None:
+        """`again`: of an earlier session; nothing is left to do until `redo` says so."""
+        self._numbers = tuple(numbers)
+        self._open = [] if again else list(numbers)
+        self._out: set[int] = set()
+        self._weak: dict[int, str] = {}
+        self.step: Any = None
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+        return bool(self.step.kind.name == "DONE")
+
+    @abstractmethod
+    def _go(self, number: int) -> None:
+        """Begins with a thing."""
+
+    def _forget(self, number: int) -> None:
+        """Drops what is known of a thing."""
+
+    def skip(self) -> str:
+        """Leaves nothing out: each is needed."""
+        return "" if self.done else f"every {self.things.removesuffix('s')} is needed"
+
+    def redo(self, number: int) -> str:
+        """Does a thing again, next. Returns why that can't be; "" if it could."""
+        if number not in self._numbers:
+            return f"the {self.things} are {self._numbers[0]} to {self._numbers[-1]}"
+        if number in self._open:
+            self._open.remove(number)
+        self._open.insert(0, number)
+        self._forget(number)
+        self._weak.pop(number, None)
+        self._out.discard(number)
+        self._go(number)
+        return ""
+
+    def _states(self, pausing: Collection[str] = ()) -> tuple[str, ...]:
+        """Of each thing; `pausing`: names of kinds of steps at which none is under way."""
+
+        def state(number: int) -> str:
+            if number == self.step.number and not self.done and self.step.kind.name not in pausing:
+                return "now"
+            if number in self._open:
+                return "waiting"
+            if number in self._weak:
+                return f"weak: {self._weak[number]}"
+            return "left out" if number in self._out else "done"
+
+        return tuple(state(number) for number in self._numbers)
+
+
+class HeldStill(Things):
+    """Each thing is held still: it begins once all is still and unlike in those before, and counts for `hold` seconds.
+
+    Samples come in columns, each (T, ...); the first is time in s.
+    """
+
+    fewest: int | None = None  # how many must remain when some are left out; None: each is needed
+
+    def __init__(self, numbers: Sequence[int], again: bool, settle: float, hold: float) -> None:
+        super().__init__(numbers, again)
+        self._settle, self._hold = settle, hold
+        self._next()
+
+    def _next(self) -> None:
+        if self._open:
+            self._go(self._open[0])
+        else:
+            self._begin(Step(Kind.DONE))
+
+    def _go(self, number: int) -> None:
+        self._begin(Step(Kind.GO, number))
+
+    def _begin(self, step: Step) -> None:
+        self.step = step
+        self._columns: tuple[Array, ...] = ()
+        self._since = np.nan  # s, of the step's first sample
+
+    @property
+    def _times(self) -> Array:
+        return self._columns[0] if self._columns else np.empty(0)
+
+    @abstractmethod
+    def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
+        """Times and values of the samples at `own`."""
+
+    @abstractmethod
+    def _still(self) -> bool:
+        """Whether nothing has moved lately."""
+
+    @abstractmethod
+    def _ready(self) -> bool:
+        """Whether what is still may count: it is unlike in those before, in the pose, ..."""
+
+    @abstractmethod
+    def _keep(self, number: int) -> bool:
+        """Takes the samples of a thing that was held. Returns whether they are good."""
+
+    @property
+    def _wait(self) -> float:
+        """s for which it must be still before it counts."""
+        return self._settle
+
+    def feed(self, samples: Any) -> None:
+        """Takes new samples; those that bear another mark than the step's don't count."""
+        own = samples.marks == self.step.mark
+        if not own.any() or self.done:
+            return
+        if self.step.kind is Kind.LEAVE:
+            self._next()
+            return
+        new = self._columns_of(samples, own)
+        if np.isnan(self._since):
+            self._since = float(new[0][0])
+        before = self._columns
+        self._columns = tuple(map(np.concatenate, zip(before, new, strict=True))) if before else new
+        if self.step.kind is Kind.PAUSE:
+            self._drop_old()
+            self._pause()
+        elif self.step.kind is Kind.GO:
+            self._drop_old()
+            if self._still() and self._ready():
+                self._begin(Step(Kind.HOLD, self.step.number))
+        elif self._elapsed() >= self._settle and not self._still():
+            self._go(self.step.number)  # it was moved: its samples are too few, so they don't count
+        elif self._elapsed() >= self._hold:
+            self._take()
+
+    def _pause(self) -> None:
+        """Ends a pause between two things, once it is over."""
+
+    def _drop_old(self) -> None:
+        """Of a way of minutes only the end is looked at."""
+        recent = self._times >= self._times[-1] - 2.0 * self._wait
+        self._columns = tuple(column[recent] for column in self._columns)
+
+    def _take(self) -> None:
+        number = self.step.number
+        if not self._keep(number):
+            self._go(number)
+            return
+        self._out.discard(number)
+        self._open.remove(number)
+        self._next()
+
+    def go_on(self) -> str:
+        """Takes the thing as it is now. Returns why that can't be; "" if it could."""
+        if self.step.kind is Kind.HOLD:
+            return f"hold it still for {self._hold:g} s"
+        if self.step.kind is Kind.GO:
+            self._begin(Step(Kind.HOLD, self.step.number))
+        return ""
+
+    def skip(self) -> str:
+        """Leaves the present thing out, if it may be. Returns why that can't be; "" if it could."""
+        if self.fewest is None:
+            return super().skip()
+        if self.step.kind not in (Kind.GO, Kind.HOLD):
+            return ""
+        number = self.step.number
+        if len(self._numbers) - len(self._out | {number}) < self.fewest:
+            return f"{self.fewest} {self.things} must remain"
+        self._out.add(number)
+        self._forget(number)
+        self._open.remove(number)
+        self._begin(Step(Kind.LEAVE, number))
+        return ""
+
+    def instruction(self) -> Instruction:
+        """What whoever simulates the person is told at the present step."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def _task(self) -> str:
+        """What to do at a step that isn't held."""
+
+    def _lack(self) -> str:
+        """Why what is still doesn't count yet; "" for nothing."""
+        return ""
+
+    def _missing(self) -> str:
+        """What isn't measured now; "" for nothing."""
+        return ""
+
+    @abstractmethod
+    def _bars(self) -> Sequence[Bar]:
+        """What is measured, below how long it has been held."""
+
+    def view(self) -> View:
+        """What a person is shown now."""
+        one = self.things.removesuffix("s")
+        words = {
+            Kind.GO: self._task, Kind.PAUSE: self._task, Kind.HOLD: self._held_task,
+            Kind.LEAVE: lambda: f"{one.capitalize()} {self.step.number} is left out",
+            Kind.DONE: lambda: f"All {self.things} are done",
+        }  # fmt: skip
+        held = self._elapsed() / self._hold if self.step.kind is Kind.HOLD else float(self.done)
+        bars = [Bar("held", min(held, 1.0), f"{one} {self.step.number}" if self.step.number else "")]
+        bars = [*(() if self.step.kind is Kind.PAUSE else bars), *self._bars()]
+        lack = self._lack() if self.step.kind is Kind.GO else ""
+        states = self._states((Kind.PAUSE.name,))
+        return View(self.step, words[self.step.kind](), lack, self._missing(), states, bars, self.things)
+
+    def _held_task(self) -> str:
+        return "Hold still"
+
+    def _elapsed(self) -> float:
+        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
+
+    def _recent(self, column: int, span: float | None = None) -> Array:
+        """The newest samples of a column, of `span` s (None: for which it must be still)."""
+        return self._columns[column][self._times >= self._times[-1] - (self._wait if span is None else span)]
+
+
+def still_bar(moved: float, most: float, text: str) -> Bar:
+    """How far it has moved lately, beside what it may; nothing while that isn't known."""
+    if not np.isfinite(moved):
+        return Bar("still", None, "")
+    return Bar("still", min(moved / (2.0 * most), 1.0), text, moved <= most)
