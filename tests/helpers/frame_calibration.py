@@ -73,7 +73,7 @@ class Leader(RowSource):
 
     def __init__(
         self, option: Sequence[str] = (), pushed: dict[int, float] | None = None, lost: Sequence[int] = (),
-        unmeasured: Sequence[int] = (),
+        blind: Sequence[int] = (),
         flat: bool = False, line: bool = False, scale: float = 1.0, noise: float = 0.0001, base: Pose = BASE,
     ) -> None:  # fmt: skip
         checked, source = profile.parse("cell.yaml", PROFILE)
@@ -84,10 +84,10 @@ class Leader(RowSource):
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = list(self.graph.layout.devices)
         self.channel_map = method.channel_map(self.graph.layout, "cell.yaml")
-        self.unmeasured = unmeasured
+        self.blind = blind
         self.pushed, self.lost, self.flat, self.line = pushed or {}, lost, flat, line
         self.scale, self.noise, self.base = scale, noise, base
-        self.rows, self.closed, self.was_active = list[Rows](), False, 0
+        self.rows, self.closed, self.led = list[Rows](), False, 0
         self._random, self.count, self._number = np.random.default_rng(5), 0, 0
         self._from = self._to = np.array([0.5, 0.0, 0.4, 0.0, 0.0, 0.0])
         self._since = self.turning = 0.0
@@ -102,9 +102,9 @@ class Leader(RowSource):
         self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self.step, self._number = procedure.step, procedure.step.number
         if isinstance(procedure.instruction(), Lead):
-            self.was_active += 1
+            self.led += 1
             self._from, self._since = self._to, self.count / 50.0
-            random = np.random.default_rng((5, self._number, self.was_active))
+            random = np.random.default_rng((5, self._number, self.led))
             place = np.array([0.5, 0.0, 0.4]) + random.uniform(-0.3, 0.3, 3)
             turn = random.uniform(-1.0, 1.0, 3) * ([0.0, 0.0, 1.0] if self.flat else [1.0, 1.0, 1.0])
             if self.line:
@@ -134,7 +134,7 @@ class Leader(RowSource):
             turned = Rotation.from_rotvec(10.0 * self.noise * self._random.normal(size=3))
             turned *= Rotation.from_rotvec([0.0, self.turning * self.count / 50.0, 0.0])
             seen[3:] = (Rotation.from_quat(seen[3:], scalar_first=True) * turned).as_quat(scalar_first=True)
-            row.views["mocap.tool.pose"][:] = 0.0 if self._number in self.unmeasured else seen
+            row.views["mocap.tool.pose"][:] = 0.0 if self._number in self.blind else seen
         row.ints[CYCLE.cycle], row.ints[CYCLE.now] = self.count, self.count * 20_000_000
         row.ints[CYCLE.state] = State.ACTIVE
         return row.words.copy()

@@ -88,8 +88,8 @@ class IknsMethod(Method[ChannelMap, Result]):
                 raise RequestError("--flip", f"'{dof}' is named twice, which would turn nothing", "Name it once")
         if self._directions.of(options) is None and (self.order.recording or self.order.redo):
             self.say(
-                f"No calibration file of {options.person} with these joints stands there, so the direction is as computed: "
-                "what was turned round before (--flip, f) isn't in a recording. --direction FILE takes it from a file"
+                f"No calibration file of {options.person} with these joints stands there, so the direction is "
+                "as computed: what was turned round before (--flip, f) isn't in a recording. --direction FILE takes it from a file"
             )
 
     def procedure(self, before: Sequence[Samples]) -> Procedure:

@@ -1,4 +1,4 @@
-"""How servos are calibrated: each joint is moved under a held key to known angles; trim, direction and scale are found."""
+"""How servos are calibrated: each joint is moved under a held key to known angles, which give trim and direction."""
 
 from __future__ import annotations
 
