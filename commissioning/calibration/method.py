@@ -104,7 +104,7 @@ class Method(ABC, Generic[T, R]):
 
     @abstractmethod
     def ended(self, samples: Any) -> Samples:
-        """The samples of a whole recording: a trial in which it ended was broken off, so it doesn't count."""
+        """The samples of a whole recording, without the trial in which the recording stops."""
 
     def ready(self, channel_map: T) -> None:
         """Checks, before anybody begins, what must fit what is recorded. Raises RequestError."""

@@ -1,4 +1,4 @@
-"""Measured joints as an arm's law believes them: a value that no motion explains isn't used before it lasts."""
+"""Outlier rejection of an arm's measured joints: a value that no motion explains is rejected, unless it lasts."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from srl.runtime.contracts.signals import Array
 
 SLACK: Final = 0.05  # rad or m, by which one sample may be off the motion
-LONGEST: Final = 0.05  # s, for which the last believed joints stand for those that are doubted
+LONGEST: Final = 0.05  # s, for which the last accepted joints stand for rejected ones
 UNKNOWN: Final = 10.0  # rad/s or m/s, of a joint whose greatest speed nobody says
 
 
-class AcceptedVelocity:
+class AcceptedPositions:
     """The measured joints, without samples that can't be.
 
-    A sample is doubted if a joint would have moved since the last believed one further than twice its greatest speed
-    and `SLACK` explain. The longer that lasts, the more motion explains it, until it is believed.
+    A sample is rejected if a joint would have moved since the last accepted one by more than twice its greatest speed
+    and `SLACK` explain. The longer that lasts, the more motion explains it, until it is accepted.
 
     Attributes:
-        q: (n,) rad or m, as believed last; NaN before there was any.
-        known: whether `q` may be used: it is that of now, or was doubted for `LONGEST` at most.
+        q: (n,) rad or m, as accepted last; NaN before there was any.
+        known: whether `q` may be used: it is that of now, or was rejected for `LONGEST` at most.
         anew: in this cycle the joints are known again after `LONGEST` or more: they may be elsewhere.
         missing: s, since when they aren't known.
     """

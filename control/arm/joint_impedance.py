@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, FiniteFloat, field_validator, model_validator
 
-from srl.control.arm.accepted import AcceptedVelocity
+from srl.control.arm.accepted import AcceptedPositions
 from srl.control.arm.options import each, joints
 from srl.control.arm.sampled import GROWTH, cases, growth
 from srl.control.arm.uprightness import Uprightness, by_frames, by_sensor
@@ -163,10 +163,10 @@ class JointImpedance(Controller):
         self._model: Any = pinocchio_model(robot, payload=payload)
         self._data: Any = self._model.createData()
         self._up = Uprightness(config.smooth, config.up, config.tilt_limit)
-        self._joints = AcceptedVelocity(robot.dq_max)
+        self._joints = AcceptedPositions(robot.dq_max)
         self._q_d, self._v_d = np.zeros(robot.n), np.zeros(robot.n)
         self._D = np.zeros(robot.n)
-        self._cycles = self._held_back = self._led = self._doubted = 0
+        self._cycles = self._held_back = self._back_driven = self._rejected = 0
 
     def reset(self) -> None:
         self._ramps.reset(self.param)
@@ -226,7 +226,8 @@ class JointImpedance(Controller):
         """Shares of cycles with torque held back by the guard, with the desired joints taken along, and doubted `q`."""
         cycles = max(self._cycles, 1)
         return {
-            "held_back": self._held_back / cycles, "led": self._led / cycles, "doubted": self._doubted / cycles
+            "held_back": self._held_back / cycles, "back_driven": self._back_driven / cycles,
+            "rejected": self._rejected / cycles
         }  # fmt: skip
 
     # -- parts of a cycle
@@ -249,7 +250,7 @@ class JointImpedance(Controller):
     def _desire(self, before: float, dt: float) -> None:
         """Moves q_d for dt seconds. `before`: the factor of K in the last cycle."""
         q, q_d, joints = self._joints.q, self._q_d, self._joints
-        self._doubted += bool((q != self.input["q"]).any())
+        self._rejected += bool((q != self.input["q"]).any())
         if not joints.known:
             return
         if joints.anew:  # the limb may be elsewhere by now
@@ -269,7 +270,7 @@ class JointImpedance(Controller):
                 np.where(k * self._K > 0.0, self._most / (k * self._K), np.inf), self._config.max_following_error
             )
         taken = np.clip(q_d, q - reach, q + reach)
-        self._led += bool((taken != q_d).any())
+        self._back_driven += bool((taken != q_d).any())
         if dt > 0.0:
             self._v_d += dt / (dt + _LEAD) * (step / dt - self._v_d)
         self._v_d[taken != q_d] = 0.0

@@ -40,7 +40,7 @@ _PRIOR: Final = 5e-4  # m^2 per rad^2; leaving the predicted posture by 0.045 ra
 _COAST: Final = 0.8  # of the last frame's velocity that is predicted
 _FORCE: Final = 100.0  # m/s^2; a marker that leaves its predicted place faster is suspected before the fit
 _FADE: Final = 0.2  # s, time constant with which a change of markers comes through
-_BELIEVED: Final = 0.5  # s, after which a marker that stays beyond the gate is believed, unless at another's place
+_ACCEPTED_AFTER: Final = 0.5  # s, after which a marker that stays beyond the gate is accepted, unless near another's
 _SPARE: Final = 4  # of as many markers, one may be left out of a fit that is shown
 _NEAR: Final = 0.5  # of the gate, the greatest residual of a fit that is shown
 _OVER: Final = 0.8  # rad beyond its range, where no forearm is
@@ -103,10 +103,10 @@ class MarkerFit:
         self._velocity = np.zeros(len(self.body.joints))
         self._age = 0.0  # s since the last fit
         self._missed = self._tried = 0
-        self._doubt = np.zeros(len(self.names))  # s for which each marker has been rejected
+        self._rejected_for = np.zeros(len(self.names))  # s for which each marker has been rejected
         self._shown = False  # whether `angles` are anybody's
-        self._blind = self.held  # what the markers don't show
-        self._doubtful = False  # whether the fit isn't good enough to be shown
+        self._unobserved = self.held  # what the markers don't show
+        self._poor = False  # whether the fit isn't good enough to be shown
         self._beyond = False  # whether more is held than that
         self._queue = []  # other labellings that could still fit better than the posture that was found
         self._suspect = False  # whether one did: then none is shown before all have been tried
@@ -128,11 +128,11 @@ class MarkerFit:
         goal = np.where(seen[:, None], points, 0.0)
         shown, turned = self.angles, self._return()
         before, used, fitted, beyond = self.q, self.used, self._missed == 0, self._beyond
-        blind, held = self._blind, self.held
+        unobserved, held = self._unobserved, self.held
         first = not self.known
         self._age += dt
         done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
-        if done and self.known and (blind & ~self._blind).any() and not self._sure(seen):
+        if done and self.known and (unobserved & ~self._unobserved).any() and not self._sure(seen):
             self._queue = ways(self._relabelled, seen if self._queue else seen & ~self._seen)
         self._seen = seen
         if done and self._queue and self._mislabelled(goal, seen, starts):
@@ -143,13 +143,13 @@ class MarkerFit:
         if not done:
             self._miss(before, seen)
             return False
-        self._rest[~self._blind] *= exp(-dt / _FADE)
+        self._rest[~self._unobserved] *= exp(-dt / _FADE)
         moved = self.q - before
         if not first and fitted and not np.array_equal(used, self.used):
             change = self._change(before, used, goal)
             self._rest += change
             moved += change
-        back = (blind & ~self._blind) | turned  # whoever heeds `held` has to know where a joint is, not where it was
+        back = (unobserved & ~self._unobserved) | turned  # `held` says where a joint is, not was
         self._rest[back] = moved[back] = 0.0
         self._judge(seen)
         if beyond or self._beyond:
@@ -160,13 +160,13 @@ class MarkerFit:
         self.known, self._age, self._missed = True, 0.0, 0
         self._shown = self._shown or not self._queue
         self._goal = goal
-        self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
+        self._rejected_for = np.where(self.rejected, self._rejected_for + dt, 0.0)
         self.angles = np.where(self.held, shown, self.q + self._rest) if self._beyond else self.q + self._rest
         if self._rest.any():
             self._chain.place(self.angles)
         unclear = self._postures.ambiguous(self.q)
         if turned.any():  # the same posture; its angles are given in the next frame, where `held` falls
-            unclear, self._blind = unclear | turned, self._blind | turned
+            unclear, self._unobserved = unclear | turned, self._unobserved | turned
         if unclear.any():
             self.held = self.held | unclear
             if anybody:
@@ -200,28 +200,28 @@ class MarkerFit:
 
     def _judge(self, seen: Mask) -> None:
         """Says what is held, which may be more than what the markers don't show; the fit goes on all the same."""
-        self._doubtful, self.held = self._warnings(seen), self._blind
-        if self._doubtful:
-            self.held = np.ones_like(self._blind)
-        elif self._blind.any():
+        self._poor, self.held = self._is_poor(seen), self._unobserved
+        if self._poor:
+            self.held = np.ones_like(self._unobserved)
+        elif self._unobserved.any():
             for joints, carried in self._carried:
-                if self._blind[joints].any() and not self.held[carried].all():
+                if self._unobserved[joints].any() and not self.held[carried].all():
                     self.held = self.held | carried
-        self._beyond = self.held is not self._blind
+        self._beyond = self.held is not self._unobserved
 
-    def _warnings(self, seen: Mask) -> bool:
+    def _is_poor(self, seen: Mask) -> bool:
         """Whether a search would refuse this fit: too many markers left out, too far off, no person's posture."""
         if np.count_nonzero(self.rejected) > np.count_nonzero(seen) // _SPARE or self.residual > _NEAR * self.gate:
             return True
         if self._queue or self._postures.turned(self.q) > _OVER:
             return True
-        return self._doubtful and self._postures.refused(np.where(self._blind, 0.0, self.q))
+        return self._poor and self._postures.refused(np.where(self._unobserved, 0.0, self.q))
 
     def _miss(self, before: Array, seen: Mask) -> None:
         """A frame without a fit."""
         self.q, self._velocity = before, np.zeros_like(before)
         self._chain.place(self.q + self._rest)  # where the body is, whichever angles are shown
-        self.held = self._blind = np.ones(len(before), bool)
+        self.held = self._unobserved = np.ones(len(before), bool)
         self.used, self.rejected = np.zeros_like(seen), seen.copy()
         self._missed += 1
         if self._missed >= _LOST:
@@ -263,12 +263,12 @@ class MarkerFit:
         use = seen & (wrong <= leap)
         if 2 * np.count_nonzero(use) <= np.count_nonzero(seen):
             use = seen  # not they, but the person leapt
-        believed = (self._doubt == 0.0) | (self._doubt > _BELIEVED) & np.isfinite(wrong)
-        for suspect in np.flatnonzero(seen & ~use & believed):
+        accepted = (self._rejected_for == 0.0) | (self._rejected_for > _ACCEPTED_AFTER) & np.isfinite(wrong)
+        for suspect in np.flatnonzero(seen & ~use & accepted):
             # What alone shows a joint that was held may be anywhere, if it wasn't doubted a moment ago.
             more = use.copy()
             more[suspect] = True
-            if (self._blind & self._observability.of(use)[1] & ~self._observability.of(more)[1]).any():
+            if (self._unobserved & self._observability.of(use)[1] & ~self._observability.of(more)[1]).any():
                 use = more
         return self._settle(goal, seen, use, before, _STEPS, _PRIOR, (int(np.count_nonzero(seen)) - 1) // 2)
 
@@ -285,7 +285,7 @@ class MarkerFit:
             if attempt or held.any():
                 self.q = np.where(held, before, start)
                 self._chain.place(self.q)
-            fresh = (self._blind & ~held).any()  # nothing is known of where a held joint went
+            fresh = (self._unobserved & ~held).any()  # nothing is known of where a held joint went
             self._fit(goal, active, *((_SEARCH_STEPS, _DAMPING) if fresh else (steps, prior)))
             distance = self._chain.distance(goal)
             wrong = self._chain.wrong(goal, self.gate, distance)
@@ -299,7 +299,7 @@ class MarkerFit:
                 continue
             back = seen & ~use & (wrong <= self.gate)
             if readmitted or not back.any():
-                self._blind, self.used, self.rejected = held, use, seen & ~use
+                self._unobserved, self.used, self.rejected = held, use, seen & ~use
                 count = np.count_nonzero(use)
                 self.residual = float(np.sqrt((distance[use] ** 2).sum() / count))
                 return bool(np.count_nonzero(seen) - count <= spare)
@@ -345,16 +345,18 @@ class MarkerFit:
             if self.residual > _NEAR * self.gate:  # each within the gate, and yet not this body: crossed labels, say
                 continue
             q = self._postures.home(self.q, last)
-            if self._postures.refused(np.where(self._blind, 0.0, q)):
+            if self._postures.refused(np.where(self._unobserved, 0.0, q)):
                 continue
             left_out = int(np.count_nonzero(self.rejected))
-            found.append((left_out, self.residual, q, (self._blind, self.used, self.rejected)))
+            found.append((left_out, self.residual, q, (self._unobserved, self.used, self.rejected)))
             if not left_out and self.residual < _SURE * self.gate:
                 break
         if not found:
             self.q = last
             return False
-        left_out, self.residual, self.q, (self._blind, self.used, self.rejected) = min(found, key=lambda one: one[:2])
+        left_out, self.residual, self.q, (self._unobserved, self.used, self.rejected) = min(
+            found, key=lambda one: one[:2]
+        )
         self._chain.place(self.q)
         self._queue = [] if self._sure(seen) and not self._suspect else ways(self._relabelled, seen)
         return True
@@ -369,8 +371,8 @@ class MarkerFit:
 
     def _mislabelled(self, goal: Array, seen: Mask, count: int) -> bool:
         """Tries the next `count` other labellings. Returns whether one fits better by another posture."""
-        mine = self.q, self._blind, self.used, self.rejected, self.residual
-        before = (int(np.count_nonzero(self.rejected)), self.residual, self._far(self.q, self._blind))
+        mine = self.q, self._unobserved, self.used, self.rejected, self.residual
+        before = (int(np.count_nonzero(self.rejected)), self.residual, self._far(self.q, self._unobserved))
         spare = int(np.count_nonzero(seen)) // _SPARE
         found = False
         for _ in range(min(count, len(self._queue))):
@@ -381,16 +383,16 @@ class MarkerFit:
             fits = self._settle(goal[order], seen[order], seen[order], start, _SEARCH_STEPS, _DAMPING, spare)
             if fits and self.residual <= _NEAR * self.gate:  # as a search has it
                 q = self._postures.home(self.q, mine[0])
-                both = ~(self._blind | mine[1])
-                after = (int(np.count_nonzero(self.rejected)), self.residual, self._far(q, self._blind))
+                both = ~(self._unobserved | mine[1])
+                after = (int(np.count_nonzero(self.rejected)), self.residual, self._far(q, self._unobserved))
                 found = bool(np.abs(q - mine[0])[both].max(initial=0.0) > OTHER) and fits_better(after, before)
-            self.q, self._blind, self.used, self.rejected, self.residual = mine
+            self.q, self._unobserved, self.used, self.rejected, self.residual = mine
             if found:
                 break
         self._chain.place(self.q)
         self._suspect &= bool(found or self._queue)
         return found
 
-    def _far(self, q: Array, blind: Mask) -> float:
+    def _far(self, q: Array, unobserved: Mask) -> float:
         """rad: how far the joints are beyond their ranges, at most."""
-        return float(self._postures.excess(np.where(blind, 0.0, q)).max())
+        return float(self._postures.excess(np.where(unobserved, 0.0, q)).max())

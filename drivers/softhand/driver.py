@@ -97,7 +97,7 @@ class SoftHand(Driver):
         # ns: the newest query; the newest repeated query; the newest call of `write`; the newest reference; the newest
         # query whether the motor is on; since when the motor is being switched on
         self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
-        self._warnings = 0  # consecutive answers that the motor is off, while it should be on
+        self._off_answers = 0  # consecutive answers that the motor is off, while it should be on
         self._surely_off = False  # the hand has confirmed that its motor is off, and got no other command since
         self._asks: deque[int] = deque()  # ns: position queries that may still be answered
         self._switched_off = 0
@@ -267,13 +267,13 @@ class SoftHand(Driver):
         motor = self._motor
         if motor is _TURNING_ON and on and self._switched >= 0:
             self._motor = _ON
-            self._warnings = 0
+            self._off_answers = 0
             self._sent = None
         elif motor is _TURNING_OFF and not on and self._switched >= 0:
             self._motor, self._surely_off = _OFF, True
         elif motor is _ON:
-            self._warnings = 0 if on else self._warnings + 1
-            if self._warnings == 2:
+            self._off_answers = 0 if on else self._off_answers + 1
+            if self._off_answers == 2:
                 self._motor, self._surely_off = _OFF, True
                 self._switched_off += 1
                 self.health.fault = "the hand has switched its motor off (its watchdog, its supply, or by hand)"
@@ -327,7 +327,7 @@ class SoftHand(Driver):
         """Resets everything known about the hand before it was opened."""
         self._motor = _OFF
         self._sent = self._waiting = self._hold_frames = None
-        self._heard, self._switched, self._warnings = -1, -1, 0
+        self._heard, self._switched, self._off_answers = -1, -1, 0
         self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
         self._asks.clear()
 

@@ -1,4 +1,4 @@
-"""What a calibration file holds, of whatever kind it is."""
+"""Parses calibration files of any kind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from srl.runtime.contracts import yaml_text
 
 
 def parse(content: bytes) -> dict[str, Any]:
-    """What a calibration file holds; nothing, where it is none."""
+    """Parses the file; returns {} if it isn't a calibration file."""
     try:
         output = json.loads(content)
     except RecursionError:

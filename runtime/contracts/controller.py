@@ -120,7 +120,7 @@ class Controller(ABC):
         """
 
     def warnings(self, dt: float) -> Iterable[tuple[str, str]]:
-        """What is probably wrong with its options in cycles of `dt` seconds: (option, text) each."""
+        """Warnings about its options in cycles of `dt` seconds: (option, text) each."""
         return ()
 
     def narrow(self, dt: float) -> None:

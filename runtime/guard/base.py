@@ -49,7 +49,7 @@ class Fast(ABC):
 class CommandGuard(ABC):
     """Limits one command. Life cycle: `bind` -> (`reset` -> cycles of `resynchronise` and `step` or `stop`), repeated.
 
-    Limits apply to the guard's own state, the last applied command. It runs freely while the device keeps its
+    Limits apply to the guard's own state, the last applied command. The guard works from it while the device keeps its
     command's `period` and `resolution`. Where the two part (a stalled link, a limiter in the device), `resynchronise`
     puts the state back to what was sent, for those elements alone that part.
 

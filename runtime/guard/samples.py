@@ -20,10 +20,10 @@ from srl.runtime.guard.rates import LASTS, RateCheck
 
 # What a step of two samples may be beside the motion: noise, backlash, a sample that came late.
 SLACK: Final = {"rad": 0.02, "m": 0.005, "m, rad": 0.05, "1": 0.02}
-LONGEST: Final = 0.5  # s: after a longer pause no more motion is believed than in this time
+LONGEST: Final = 0.5  # s: after a longer pause no more motion is accepted than in this time
 HAND: Final = 15.0  # rad/s or m/s, as fast as a hand or a load moves a joint: smooth motion up to this is believed
 SPEED: Final = 2.0  # of a joint's greatest commanded speed: a hand or a load may move it faster
-JUMP: Final = 8.0  # of a force sensor's range, the largest step that one sample is believed
+JUMP: Final = 8.0  # of a force sensor's range, the largest step that one sample may make
 AGREE: Final = 3  # samples that must agree: the first ones, and those after a jump
 PAUSE: Final = 3  # usual times between two samples: after a longer pause one sample shows no more motion than in this
 _FORCES: Final = ("N", "N m", "N, N m")

@@ -1,4 +1,4 @@
-"""What is probably wrong, and told, not refused.
+"""Warnings: numbers and wiring that are probably wrong, but not refused.
 
 Numbers in another unit: degrees for radians, millimetres for metres, grams for kilograms. A number's unit is the first
 word of its option's description; a hall may be longer than a room. Where a real device is to move, such a number is

@@ -1,4 +1,4 @@
-"""How a run begins, as far as the profile and what is simulated say it."""
+"""Start mode: automatic or manual."""
 
 from __future__ import annotations
 

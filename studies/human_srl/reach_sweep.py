@@ -32,7 +32,7 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
     for pace, words in ((2.0, "wearer twice as quick"), (3.0, "wearer three times as quick")):
         yield "attacks", words, {"pace": pace}
         yield "attacks", f"{words}, no clearance", {"pace": pace, "guarded": False}
-    yield "attacks", "radii believed 0.6 of the table", {"believed": 0.6}
+    yield "attacks", "radii assumed 0.6 of the table", {"assumed": 0.6}
     for degrees in (10.0, 20.0):
         yield "attacks", f"suit off by {degrees:g} degrees rms in each joint, not told", {"bias": degrees}
     yield "attacks", "the same, uncertainty 0.1 m told", {"bias": 20.0, "clear": {"uncertainty": 0.1}}
@@ -40,7 +40,7 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
     yield "attacks", "wearer marches, thighs to 50 degrees", {"march": 50.0}
     yield "attacks", "wearer marches, no clearance", {"march": 50.0, "guarded": False}
     yield "attacks", "the arm starts elsewhere", {"away": True}
-    all_wrong = {"pace": 3.0, "delay": 0.1, "servo": 4.0, "believed": 0.6}
+    all_wrong = {"pace": 3.0, "delay": 0.1, "servo": 4.0, "assumed": 0.6}
     yield "attacks", "three times as quick, frames late, servos late, radii 0.6, not told", all_wrong
     yield "delay", "frames 0 s late, told", {"delay": 0.0, "clear": {"latency": 0.0}}
     yield "delay", "frames 0.06 s late, told", {"delay": 0.06, "clear": {"latency": 0.06}}
@@ -50,7 +50,7 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "C", f"C {least:g} m", {"clear": {"least": least}}
     yield "Z_d", "Z_d 0.05 m", {"clear": {"uncertainty": 0.05}}
     for factor in (0.8, 1.2):
-        yield "radii", f"radii believed {factor:g} of the table", {"believed": factor}
+        yield "radii", f"radii assumed {factor:g} of the table", {"assumed": factor}
     for lag in (0.0, 0.1):
         yield "servo lag", f"servos {lag:g} s late, told", {"lag": lag}
     yield "tracking", "joints within 0.001 of their commands, told", {"tracking": 0.001}

@@ -52,7 +52,7 @@ class Attack:
         lag: s, of the servos, as the guard is told; None: as the profile's.
         tracking: rad or m, by which joints may be beside their commands, as the guard is told; None: as the profile's.
         servo: factor on the lag, which the guard isn't told.
-        believed: factor on the envelope's radii.
+        assumed: factor on the envelope's radii.
         clear: options of the clearance that differ from the profile's.
         base: m, the arm's, in the frame of the node that carries it; None: as the profile's.
         bias: degrees rms, by which the suit has each joint off all the time.
@@ -69,7 +69,7 @@ class Attack:
     lag: float | None = None
     tracking: float | None = None
     servo: float = 1.0
-    believed: float = 1.0
+    assumed: float = 1.0
     clear: Mapping[str, float] | None = None
     base: tuple[float, float, float] | None = None
     bias: float = 0.0
@@ -115,7 +115,7 @@ class Run:
         self.suit = Suit(setting.frame, delay, suit, attack.drop, attack.freeze, off)
         self.ends = _Ends(options, self.contacts.kinematics)
         pose, translation = self.reaching.rotation(0.0), self.reaching.translation
-        self.clearance = setting.clearance(**{**_believed(options, attack.believed), **(attack.clear or {})})
+        self.clearance = setting.clearance(**{**_assumed(options, attack.assumed), **(attack.clear or {})})
         self.clearance.bind({"rotation": pose.copy(), "translation": translation.copy()})
         posture = _Goals(setting, options, self.reaching, start).free() if attack.away else np.zeros(n)
         self.applied, self.measured = posture.copy(), posture.copy()
@@ -235,7 +235,7 @@ class _Ends:
         return float(size.max()), float((size / self._options.envelope.acceleration).max())
 
 
-def _believed(options: EnvelopeOptions, factor: float) -> dict[str, Any]:
+def _assumed(options: EnvelopeOptions, factor: float) -> dict[str, Any]:
     if factor == 1.0:
         return {}
     envelope = options.envelope

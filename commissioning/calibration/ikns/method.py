@@ -89,7 +89,7 @@ class IknsMethod(Method[ChannelMap, Result]):
         if self._directions.of(options) is None and (self.order.recording or self.order.redo):
             self.say(
                 f"No calibration file of {options.person} with these joints stands there, so the direction is "
-                "as computed: what was turned round before (--flip, f) isn't in a recording. --direction FILE takes it from a file"
+                "as computed: what was turned round before (--flip, f) isn't in a recording. --direction FILE takes it"
             )
 
     def procedure(self, before: Sequence[Samples]) -> Procedure:

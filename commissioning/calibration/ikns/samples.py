@@ -62,7 +62,7 @@ def stretch(samples: Samples, mark: int) -> slice:
 
 
 def ended(samples: Samples) -> Samples:
-    """The samples of a whole recording: a trial in which it ended was broken off, so it doesn't count."""
+    """The samples of a whole recording, without the trial in which the recording stops."""
     marks = samples.marks.copy()
     if len(marks) and of_trial(int(marks[-1])):
         marks[stretch(samples, int(marks[-1]))] = IDLE

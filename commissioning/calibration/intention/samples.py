@@ -37,7 +37,7 @@ class Samples:
 
 
 def ended(samples: Samples) -> Samples:
-    """The samples of a whole recording: a trial in which it ended was broken off, so it doesn't count."""
+    """The samples of a whole recording, without the trial in which the recording stops."""
     marks = samples.marks.copy()
     if len(marks) and marks[-1] >= ROUND:
         marks[stretch_of(marks, int(marks[-1]))] = IDLE

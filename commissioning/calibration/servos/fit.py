@@ -31,7 +31,7 @@ class Thresholds(Options):
 
 
 @dataclass(frozen=True)
-class Seat:
+class HornFit:
     """What was found of one joint: q = scale (m - trim).
 
     Attributes:
@@ -58,16 +58,16 @@ class Seat:
         return self.scale * ((n if self.direction > 0 else self.mirror - n) - self.trim)
 
 
-def seat(
+def horn_fit(
     n: tuple[float, float], first: float, second: float | None, mirror: float, measures: bool, apart: float
-) -> Seat:
+) -> HornFit:
     """The seat of a joint.
 
     Args:
         n: rad, the entry's angles at the first and second place.
         first: rad, the joint's known angle there.
         second: rad; None: not known, but on the positive side of the first.
-        mirror: rad; see `Seat`.
+        mirror: rad; see `HornFit`.
         measures: the servo measures its angle: its scale is known better than any person sees.
         apart: rad, by which the places must differ.
     Raises:
@@ -82,11 +82,11 @@ def seat(
     m = n[0] if direction > 0 else mirror - n[0]
     known = second is not None and not measures
     scale = abs((second - first) / (n[1] - n[0])) if known and second is not None else 1.0
-    return Seat(m - first / scale, direction, scale, known, mirror)
+    return HornFit(m - first / scale, direction, scale, known, mirror)
 
 
 def refusals(
-    joint: str, found: Seat, n: tuple[float, float], second: float | None, home: float | None,
+    joint: str, found: HornFit, n: tuple[float, float], second: float | None, home: float | None,
     reach: tuple[float, float], thresholds: Thresholds,
 ) -> list[ServoError]:  # fmt: skip
     """Why a joint's seat can't be used; none if it can.

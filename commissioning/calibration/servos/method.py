@@ -23,7 +23,7 @@ from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.servos import report as servo_report
-from srl.commissioning.calibration.servos.fit import Seat, ServoError, Thresholds, refusals, seat
+from srl.commissioning.calibration.servos.fit import HornFit, ServoError, Thresholds, horn_fit, refusals
 from srl.commissioning.calibration.servos.procedure import Procedure
 from srl.commissioning.calibration.servos.report import Found, Result
 from srl.commissioning.calibration.servos.samples import (
@@ -204,7 +204,7 @@ class ServoMethod(Method[ChannelMap, Result]):
             return found  # no run begins with it
         for i, (name, joint) in enumerate(self._joints.items()):
             if (line := lines.get(name)) is not None:
-                at = Seat(line.trim, line.direction, line.scale, line.known, joint.mirror).entry(found[name])
+                at = HornFit(line.trim, line.direction, line.scale, line.known, joint.mirror).entry(found[name])
                 found[name] = min(max(at, self._reach[0][i]), self._reach[1][i])
         return found
 
@@ -324,7 +324,7 @@ class ServoMethod(Method[ChannelMap, Result]):
                 raise ServoError(place, "it wasn't held at both places to the end", f"Do it again: r {i + 1}")
             n = both[0][0], both[1][0]
             try:
-                made = seat(n, first[name], second.get(name), options.mirror[i], options.measures, limits.apart)
+                made = horn_fit(n, first[name], second.get(name), options.mirror[i], options.measures, limits.apart)
             except ServoError as error:
                 raise ServoError(f"{place}: {error.place}", error.problem, f"{error.remedy}: r {i + 1}") from None
             home = None if options.home is None else options.home[i]
@@ -342,8 +342,9 @@ class ServoMethod(Method[ChannelMap, Result]):
         options = result.options
         lines = {
             f.name: {
-                "trim": round(f.seat.trim, 6), "direction": f.seat.direction, "scale": round(f.seat.scale, 6),
-                "known": f.seat.known, "entry": options.joints[f.name],
+                "trim": round(f.horn_fit.trim, 6), "direction": f.horn_fit.direction,
+                "scale": round(f.horn_fit.scale, 6),
+                "known": f.horn_fit.known, "entry": options.joints[f.name],
             }
             for f in result.joints
         }  # fmt: skip

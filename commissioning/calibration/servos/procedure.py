@@ -15,7 +15,7 @@ import numpy as np
 
 from srl.commissioning.calibration.guided import Bar, View
 from srl.commissioning.calibration.servos import samples as marks
-from srl.commissioning.calibration.servos.fit import Seat, ServoError, refusals, seat
+from srl.commissioning.calibration.servos.fit import HornFit, ServoError, horn_fit, refusals
 from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig, angles
 from srl.runtime.contracts.wearer import Drive, Instruction, Rest
 
@@ -114,14 +114,14 @@ class Procedure:
         if self.step.kind is not Kind.HOME or self.options.home is None:
             return None
         i = self.step.joint - 1
-        return self._seat(self.step.joint).entry(self.options.home[i])
+        return self._horn_fit(self.step.joint).entry(self.options.home[i])
 
-    def _seat(self, joint: int) -> Seat:
+    def _horn_fit(self, joint: int) -> HornFit:
         """What was found of a joint; as the profile says, where it was left out. Raises ServoError."""
         if joint not in self._found:
-            return Seat(mirror=self.options.mirror[joint - 1])
+            return HornFit(mirror=self.options.mirror[joint - 1])
         name = self._names[joint - 1]
-        return seat(
+        return horn_fit(
             self._found[joint], self._first[name], self._second.get(name), self.options.mirror[joint - 1],
             self.options.measures, self._thresholds.apart,
         )  # fmt: skip
@@ -159,7 +159,7 @@ class Procedure:
         self._weak.pop(joint, None)
         options, i, name = self.options, joint - 1, self._names[joint - 1]
         try:
-            found = self._seat(joint)
+            found = self._horn_fit(joint)
         except ServoError as error:
             reported = [error]
         else:

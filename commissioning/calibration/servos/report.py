@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from srl.commissioning.calibration.picture import save
-from srl.commissioning.calibration.servos.fit import Seat, ServoError
+from srl.commissioning.calibration.servos.fit import HornFit, ServoError
 from srl.commissioning.calibration.servos.samples import ServoMarksConfig
 
 
@@ -25,7 +25,7 @@ class Found:
 
     Attributes:
         name: of the joint.
-        seat: what was found.
+        horn_fit: what was found.
         n: rad, the entry's angles at both places.
         known: rad, the joint's angles there, as the person gave them; None: on the positive side of the first.
         spread: rad, standard deviation while it was held, at most.
@@ -34,7 +34,7 @@ class Found:
     """
 
     name: str
-    seat: Seat
+    horn_fit: HornFit
     n: tuple[float, float]
     known: tuple[float, float | None]
     spread: float
@@ -46,7 +46,7 @@ class Found:
         """rad, lowest and highest angle of the joint that the servo reaches; None: it says so itself at its opening."""
         if not np.isfinite(self.reach).all() or abs(self.reach[0]) >= 1e9:
             return None
-        low, high = sorted(self.seat.joint(end) for end in self.reach)
+        low, high = sorted(self.horn_fit.joint(end) for end in self.reach)
         return low, high
 
 
@@ -76,10 +76,10 @@ def lines(result: Result) -> list[str]:
     reported = f"{result.options.device}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}"
     found = [reported + (f", by {result.options.plan.by}" if result.options.plan.by else "")]
     for joint in result.joints:
-        seat = joint.seat
-        way = "as the profile says" if seat.direction > 0 else "the other way than the profile says"
-        scale = f"scale {seat.scale:.4f}" if seat.known else "scale not measured"
-        text = f"{joint.name}: trim {seat.trim:+.4f} rad, turns {way}, {scale}"
+        horn_fit = joint.horn_fit
+        way = "as the profile says" if horn_fit.direction > 0 else "the other way than the profile says"
+        scale = f"scale {horn_fit.scale:.4f}" if horn_fit.known else "scale not measured"
+        text = f"{joint.name}: trim {horn_fit.trim:+.4f} rad, turns {way}, {scale}"
         if joint.ends is not None:
             text += f"; reaches {joint.ends[0]:.2f} to {joint.ends[1]:.2f} rad"
         found.append(text)
@@ -95,7 +95,8 @@ def metrics(result: Result) -> dict[str, Any]:
         "date": result.date.isoformat(), "simulated": result.simulated, "left": list(result.left),
         "joints": {
             f.name: {
-                "trim": f.seat.trim, "direction": f.seat.direction, "scale": f.seat.scale, "known": f.seat.known,
+                "trim": f.horn_fit.trim, "direction": f.horn_fit.direction, "scale": f.horn_fit.scale,
+                "known": f.horn_fit.known,
                 "places": list(f.n), "angles": list(f.known), "spread": f.spread,
                 "reach": None if f.ends is None else list(f.ends),
             }
@@ -117,14 +118,14 @@ def draw(result: Result, png: Path) -> None:
         ends = joint.reach if joint.ends is not None else (min(joint.n) - 0.5, max(joint.n) + 0.5)
         span = np.array(ends)
         view.plot(span, span, color="0.7", label="as the profile says")
-        view.plot(span, [joint.seat.joint(each) for each in ends], color="#0072B2", label="found")
+        view.plot(span, [joint.horn_fit.joint(each) for each in ends], color="#0072B2", label="found")
         view.plot(joint.n[0], joint.known[0], "o", color="#D55E00", label="known angles")
         if joint.known[1] is not None:
             view.plot(joint.n[1], joint.known[1], "o", color="#D55E00")
         else:
             view.axvline(joint.n[1], color="#D55E00", linestyle=":", label="positive side")
         if joint.home is not None:
-            view.plot(joint.seat.entry(joint.home), joint.home, "s", color="#009E73", label="home")
+            view.plot(joint.horn_fit.entry(joint.home), joint.home, "s", color="#009E73", label="home")
         view.set_title(joint.name, fontsize=10)
         view.set_xlabel("the profile's own angle, rad")
         view.set_ylabel("the joint's angle, rad")

@@ -19,7 +19,7 @@ from srl.sim.parts.body.wearer_config import Tracking
 DOFS = 3
 _MUSCLES = 50.0  # rad/s, of a second-order lag: 0.04 s of the delays below
 _STEEP = 0.3  # least slope that is believed
-_DOUBT = 0.15  # of the pointer, how far a sample may be from the line
+_UNLIKE = 0.15  # of the pointer, how far a sample may be from the line
 _END = 0.99  # a pointer beyond it (below 0.01) is at its end
 _UNSURE = 0.5  # of slope and offset, at the beginning
 _FAR = (0.1, 0.04, 0.04)  # rad, to which a goal is drawn in: DoFs move at 1.8 and 0.7 rad/s at most
@@ -42,7 +42,7 @@ class Tracker:
         self._sooner = max(1, self._rows - round(2.0 / _MUSCLES / dt))  # the muscles' lag is part of the delay
         self._forget = exp(-dt / config.learning)
         self.lines = np.column_stack([self._first, np.full(DOFS, 0.5)])
-        self._trust = np.tile((_UNSURE / _DOUBT) ** 2 * np.eye(2), (DOFS, 1, 1))
+        self._trust = np.tile((_UNSURE / _UNLIKE) ** 2 * np.eye(2), (DOFS, 1, 1))
         self.x, self.v = np.zeros(DOFS), np.zeros(DOFS)
         self._start, self._low, self._high = np.zeros(DOFS), np.zeros(DOFS), np.ones(DOFS)
         self._shift = np.zeros(DOFS)
@@ -80,10 +80,10 @@ class Tracker:
             self._learn(dof, was_share, was_seen)
         slope, offset = self.lines[dof].tolist()
         # Cautious: who isn't sure how the pointer moves, or which way, moves less.
-        unsure = _DOUBT**2 * float(self._trust[dof, 0, 0])
+        unsure = _UNLIKE**2 * float(self._trust[dof, 0, 0])
         per = slope / max(slope * slope + unsure, _STEEP**2)
-        believed = slope * was_share + offset if isnan(was_seen) else was_seen
-        error = was_wanted - believed if isfinite(believed) else 0.0
+        accepted = slope * was_share + offset if isnan(was_seen) else was_seen
+        error = was_wanted - accepted if isfinite(accepted) else 0.0
         if config.model == "preview":
             self._shift[dof] = min(max(self._shift[dof] + dt * config.correction * error, -0.5), 0.5)
             aim = wanted + self._shift[dof]
@@ -120,7 +120,7 @@ class Tracker:
         gain /= self._forget + float(row @ gain)
         line += gain * (seen - expected)
         P -= np.outer(gain, row @ P)
-        if np.trace(P) < 2.0 * (_UNSURE / _DOUBT) ** 2:
+        if np.trace(P) < 2.0 * (_UNSURE / _UNLIKE) ** 2:
             P /= self._forget
 
     def save(self) -> Array:

@@ -124,7 +124,7 @@ def test_what_is_pushed_away_takes_the_desired_joints_along() -> None:
     made.input["wanted"][0] = made.input["q"][0]
     made.update(0.01)
     assert abs(made.output["desired"][0] - made.input["q"][0]) < 2.0 / 20.0 + 1e-9  # nothing is wound up
-    assert made.metrics()["led"] > 0.5
+    assert made.metrics()["back_driven"] > 0.5
 
 
 def test_the_desired_joints_go_at_their_speed_and_not_beyond_the_limits() -> None:
@@ -215,7 +215,7 @@ def test_one_wrong_sample_moves_nothing_and_one_that_lasts_begins_anew() -> None
     clean.update(0.002)
     assert made.output["torque"] == pytest.approx(clean.output["torque"], abs=1e-9)
     assert made.output["desired"] == pytest.approx(clean.output["desired"], abs=1e-9)
-    assert made.metrics()["doubted"] == pytest.approx(1 / 3)
+    assert made.metrics()["rejected"] == pytest.approx(1 / 3)
     made.input["q"][1] += 1.0
     spring = []
     for _ in range(200):
