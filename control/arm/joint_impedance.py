@@ -223,7 +223,7 @@ class JointImpedance(Controller):
         )
 
     def metrics(self) -> dict[str, object]:
-        """Shares of cycles with torque held back by the guard, with the desired joints taken along, and doubted `q`."""
+        """Shares of cycles: torque held back, desired joints taken along (back-driven), `q` rejected."""
         cycles = max(self._cycles, 1)
         return {
             "held_back": self._held_back / cycles, "back_driven": self._back_driven / cycles,

@@ -265,7 +265,7 @@ class MarkerFit:
             use = seen  # not they, but the person leapt
         accepted = (self._rejected_for == 0.0) | (self._rejected_for > _ACCEPTED_AFTER) & np.isfinite(wrong)
         for suspect in np.flatnonzero(seen & ~use & accepted):
-            # What alone shows a joint that was held may be anywhere, if it wasn't doubted a moment ago.
+            # What alone shows a joint that was held may be anywhere, if it wasn't rejected a moment ago.
             more = use.copy()
             more[suspect] = True
             if (self._unobserved & self._observability.of(use)[1] & ~self._observability.of(more)[1]).any():

@@ -13,7 +13,7 @@ PAUSE: Final = 20_000_000  # ns without a frame for it, after which a CubeMars m
 
 
 class Doubt:
-    """Since when a motor is doubted, and where it stood then.
+    """Since when a motor may have let go, and where it stood then.
 
     Attributes:
         moved: rad of the shaft by which it was found elsewhere when its doubt ended; None if it wasn't.

@@ -15,7 +15,7 @@ WORN: Final = {"srl-emg-1": "the electrodes stay on the skin", "srl-suit-1": "th
 
 
 def warnings(files: Mapping[str, bytes], today: datetime.date) -> list[str]:
-    """What is doubted of files (their content by name), a line each. Files of the simulated person are left out."""
+    """Warnings about files (their content by name), a line each. Files of the simulated person are left out."""
     found, persons = list[str](), dict[str, str]()
     for name, content in files.items():
         output = parse(content)

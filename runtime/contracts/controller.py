@@ -47,7 +47,7 @@ class Controller(ABC):
         why: a law may set it with `lost`: what is probably wrong, and what to do about it; "" for nothing to say.
         simulated: the option whose file the simulation made, so that it says nothing about a person; "" for none.
         measured_by: the bodies, by name, by which the angles of its calibration were measured; empty for none.
-            Where real devices feed the law, that is doubted.
+            Where real devices feed the law, that gives a warning.
         fed_as: by input, options of the device that feeds it, which must be as they were at its calibration.
     """
 

@@ -110,7 +110,7 @@ def pictured(
         signals: all of the row.
         devices: in the profile's order.
     Returns:
-        The robots and the frames that they need beside the profile's, of JSON types; and what is doubted, with its key.
+        The robots and the frames that they need beside the profile's, of JSON types; and warnings, with its key.
     """
     found: list[dict[str, Any]] = []
     warnings: list[tuple[str, str]] = []

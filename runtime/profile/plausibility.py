@@ -6,13 +6,13 @@ refused, unless the profile's `meant:` names it.
 
 A file of the simulated wearer where real devices feed the law, and one of another body than the profile's.
 
-What the simulated world doubts of its options, such as a recording that doesn't fit its hand.
+What the simulated world says of its options, such as a recording that doesn't fit its hand.
 
 Two devices at one port of this machine.
 
 What can't be right in a robot's URDF, and bounds of the guard beyond the URDF's (`srl.runtime.profile.robots`).
 
-What a law doubts of its options at the profile's rate.
+What a law says of its options at the profile's rate.
 
 A worn arm that nothing keeps clear of its wearer, though a suit says where the wearer is.
 """
@@ -58,7 +58,7 @@ def warnings(
     simulated: list[str],
     clearances: Mapping[str, Clearance],
 ) -> list[str]:
-    """Returns what is doubted, a line each, with its place; `simulated` names devices.
+    """Returns the warnings, a line each, with its place; `simulated` names devices.
 
     Raises:
         WiringError: a real device is to move, and a number can't be in its unit.

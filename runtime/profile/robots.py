@@ -1,4 +1,4 @@
-"""What is doubted, and what is said, of the arms that a profile has from URDFs."""
+"""Warnings and remarks about the arms that a profile has from URDFs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def remarks(profile: Profile) -> Iterator[tuple[str, str]]:
 def warnings(
     profile: Profile, devices: list[Driver], options: Iterable[tuple[str, FieldInfo, Any]]
 ) -> Iterator[tuple[str, str]]:
-    """Key and text of what is doubted of each. `options`: all of the profile's."""
+    """Key and text of the warnings about each. `options`: all of the profile's."""
     named = {name: model.robot for name, model in profile.models.items() if isinstance(model, RobotModel)}
     for name, robot in named.items():
         yield from ((f"models.{name}", text) for text in robot.warnings)

@@ -88,7 +88,7 @@ def scores(made: Session, played: Played, names: Sequence[str], confidence: floa
     best = np.where(played.posterior.max(axis=1) >= played.confidence, played.posterior.argmax(axis=1), len(names))
     counts = (played.rejected == 0.0) & (played.confidence >= confidence) & (best < len(names))
     for label in (*ACTIONS, *BACKGROUND):
-        own = [(begin, end) for begin, end, name, _ in made.said if name == label]
+        own = [(begin, end) for begin, end, name, _ in made.labels if name == label]
         at = np.zeros(len(made.times), bool)
         for begin, end in own:
             since = begin + (lead if label in ACTIONS else 0.0) + (FRAMES - 1) * DT - 1e-9

@@ -91,7 +91,7 @@ def rejects(numbers: Sequence[int], left_out: Sequence[str]) -> float:
 
 def _rejected(law: Intention, made: Session, action: str) -> float:
     law.reset()
-    there = [(begin + 1.6, end) for begin, end, label, _ in made.said if label == action]
+    there = [(begin + 1.6, end) for begin, end, label, _ in made.labels if label == action]
     found = []
     for t, q, p in zip(made.times, made.rotation, made.translation, strict=True):
         law.input["rotation"][:], law.input["translation"][:] = q, p

@@ -34,19 +34,19 @@ class Session:
         times: (T,) s.
         rotation: (T, n, 4) w x y z of the law's joints in their parents.
         translation: (T, n, 3) m.
-        said: from, to (s), label, and number of the repetition, from 0 on.
+        labels: from, to (s), label, and number of the repetition, from 0 on.
     """
 
     times: Array
     rotation: Array
     translation: Array
-    said: tuple[tuple[float, float, str, int], ...]
+    labels: tuple[tuple[float, float, str, int], ...]
 
     def trials(self, group: int | None = None, thresholds: Thresholds | None = None) -> list[Trial]:
         """The labelled stretches. `group`: of all, instead of the repetition."""
         lead, made = (thresholds or Thresholds()).lead, frames(self.rotation, self.translation)
         found = []
-        for begin, end, label, repetition in self.said:
+        for begin, end, label, repetition in self.labels:
             at = (self.times >= begin + (lead if label in ACTIONS else 0.0)) & (self.times < end)
             found.append(Trial(label, repetition if group is None else group, made[at]))
         return found
@@ -59,7 +59,7 @@ class Session:
             labels: (k,) names.
         """
         rows = []
-        for begin, end, label, _ in self.said:
+        for begin, end, label, _ in self.labels:
             if label in labels:
                 at = (self.times >= begin) & (self.times < end + _AFTER)
                 here = np.atleast_1d(action[at].any(axis=0))
@@ -77,22 +77,22 @@ def session(number: int, repetitions: int = 3, seed: int = 0, misfit: float = MI
         misfit: degrees rms, by which the suit is off.
     """
     rng, person = np.random.default_rng([number, seed]), Performer(subject(number, SKELETON.names), SKELETON)
-    t, said = 0.0, list[tuple[float, float, str, int]]()
+    t, labels = 0.0, list[tuple[float, float, str, int]]()
     for repetition in range(repetitions):
         person.instruct(t, Rest())
-        said.append((t + 2.0, t + _STAND, "stand", repetition))
+        labels.append((t + 2.0, t + _STAND, "stand", repetition))
         t += _STAND
         for k in rng.permutation(len(ACTIONS)):
             person.instruct(t, Perform(ACTIONS[k]))
             person.instruct(t + _ACTION, Rest())
-            said.append((t, t + _ACTION, ACTIONS[k], repetition))
+            labels.append((t, t + _ACTION, ACTIONS[k], repetition))
             t += _ACTION + _PAUSE
         person.instruct(t, Walk())
-        said.append((t + 2.0, t + _WALK, "walk", repetition))
+        labels.append((t + 2.0, t + _WALK, "walk", repetition))
         t += _WALK
     times = np.arange(0.0, t, DT)
     rotation, translation = measured(person, times, misfit, _NOISE, seed=1000 * number + seed)
-    return Session(times, rotation[:, JOINTS], translation[:, JOINTS], tuple(said))
+    return Session(times, rotation[:, JOINTS], translation[:, JOINTS], tuple(labels))
 
 
 def unrelated(kind: Script, seconds: float, seed: int = 1) -> tuple[Array, Array]:

@@ -47,7 +47,7 @@ def driver(server, **config):
 def opened(server, monkeypatch):
     """Without a watchdog and with much patience: a busy machine may stall this test at any instant."""
     monkeypatch.setattr("srl.drivers.softhand.driver.GONE", 10_000 * MS)
-    monkeypatch.setattr("srl.drivers.softhand.driver.PATIENCE", 10_000 * MS)
+    monkeypatch.setattr("srl.drivers.softhand.driver.TIMEOUT", 10_000 * MS)
     hand = driver(server, watchdog=0)
     hand.open()
     yield hand

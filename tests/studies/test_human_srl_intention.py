@@ -101,7 +101,7 @@ def played(made: Session, taken: dict[str, str], **given: float) -> Played:
     """What a law would say that takes each label for another at once; `given`: confidence and rejected."""
     action, posterior = np.zeros((2, len(made.times), len(ACTIONS)))
     confidence = np.full(len(made.times), given.get("confidence", 0.9))
-    for begin, end, label, _ in made.output:
+    for begin, end, label, _ in made.labels:
         at = (made.times >= begin) & (made.times < end)
         if taken.get(label, label) in ACTIONS:
             k = ACTIONS.index(taken.get(label, label))  # type: ignore[arg-type]
@@ -143,7 +143,7 @@ def test_what_is_not_sure_or_rejected_is_not_right(made: Session, given: dict[st
 def test_only_windows_within_a_label_count(made: Session) -> None:
     """A law that is right but for the first second of each label has all windows right."""
     late = played(made, {})
-    for begin, *_ in made.output:
+    for begin, *_ in made.labels:
         late.posterior[(made.times >= begin) & (made.times < begin + (FRAMES - 1) * DT - 1e-6)] = 0.0
     assert all(scores(made, late, ACTIONS, 0.6, 0.0)[f"{label}_right"] == 1.0 for label in ACTIONS)
 

@@ -163,20 +163,27 @@ class Procedure:
 
     def view(self) -> View:
         """What a person is shown now."""
+        # What a trial lacks, it may still get in its time.
+        early = self.step.kind is Kind.TRIAL and self._elapsed < self._span()
+        states = tuple(self._state(at) for at in range(len(self._lacks)))
+        return self.progress().view(self._task(self._gap()), self._unseen() if early else self._lack, states)
+
+    def progress(self) -> Progress:
+        """How far the present step is."""
         tail = self._times >= (self._times[-1] if len(self._times) else 0.0) - _TAIL
-        seen = np.flatnonzero(self._seen)
-        gap = np.full(3, np.nan) if self.target is None or not len(seen) else self.target - self._hand[seen[-1]]
         moving = self._speed[tail & np.isfinite(self._speed)]
         trial = self.step.kind is Kind.TRIAL
-        # What a trial lacks, it may still get in its time.
-        lack = self._unseen() if trial and self._elapsed < self._span() else self._lack
-        progress = Progress(
+        return Progress(
             self.step, min(self._elapsed / self._span(), 1.0), float(moving[-1]) if len(moving) else np.nan,
-            float(np.linalg.norm(gap)), 1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0,
+            float(np.linalg.norm(self._gap())), 1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0,
             self._kept if trial else 0, self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range,
             self._box,
         )  # fmt: skip
-        return progress.view(self._task(gap), lack, tuple(self._state(at) for at in range(len(self._lacks))))
+
+    def _gap(self) -> Array:
+        """(3,) m, from the hand as it was seen last to the target; NaN where one of them isn't known."""
+        seen = np.flatnonzero(self._seen)
+        return np.full(3, np.nan) if self.target is None or not len(seen) else self.target - self._hand[seen[-1]]
 
     # Steps
 

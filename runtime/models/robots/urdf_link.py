@@ -64,11 +64,11 @@ def inertial(link: Element, file: Path, ends: Sequence[Array], warnings: list[Wa
     if a + b <= c and c > 0.0:
         lacking = (c - a - b) / 2 + 1e-9 * c
         own = axes @ np.diag([a + lacking, b + lacking, c]) @ axes.T
-    warnings += _doubted(str(name), mass, com, total, c, [*ends, com])
+    warnings += _warned(str(name), mass, com, total, c, [*ends, com])
     return Inertial(mass, com, turn @ own @ turn.T)
 
 
-def _doubted(name: str, mass: float, com: Array, total: float, most: float, ends: Sequence[Array]) -> list[Warning]:
+def _warned(name: str, mass: float, com: Array, total: float, most: float, ends: Sequence[Array]) -> list[Warning]:
     found = []
     if mass > _HEAVY:
         found.append(f"link {name} has {mass:g} kg. Are these grams? {mass:g} g are {mass / 1000:g} kg")

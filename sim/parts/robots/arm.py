@@ -48,6 +48,8 @@ class PayloadConfig(BaseModel):
 class ArmConfig(PartConfig):
     """Options of an arm."""
 
+    renamed: ClassVar[dict[str, str]] = {"told_payload": "declared_payload"}
+
     home: tuple[Finite, ...] | None = HOME  # an arm's own options give it the names of its joints
     declared_payload: PayloadConfig = Field(
         default=PayloadConfig(), description="what gravity compensation reckons with besides the arm"

@@ -126,7 +126,7 @@ def test_samples_with_another_mark_dont_count() -> None:
     assert target is not None
     for mark in (IDLE, mark_of(0, 1), mark_of(1, 0), STATIC, EXPLORATION):
         feeder.feed(np.tile(target, (300, 1)), mark=mark)
-    assert feeder.procedure.view().kept == 0
+    assert feeder.procedure.progress().kept == 0
     assert feeder.procedure.step == Step(Kind.TRIAL, 0, 0)
 
 
@@ -139,8 +139,8 @@ def test_a_trial_goes_on_until_enough_is_kept_and_not_merely_for_its_time() -> N
     feeder.feed(shaking, np.outer(np.linspace(0, 1, 150), [1.0, 0.0]))
     view = feeder.procedure.view()
     assert view.step == Step(Kind.TRIAL, 0, 0)
-    assert view.progress == 1.0
-    assert view.kept < 50
+    assert feeder.procedure.progress().share == 1.0
+    assert feeder.procedure.progress().kept < 50
     assert "hold the hand stiller" in view.lack
     feeder.stay(1.0, target, 0.5)
     assert feeder.procedure.step == Step(Kind.GO, 1, 0)
@@ -204,8 +204,8 @@ def test_no_hand_at_all_is_named() -> None:
     feeder = Feeder(Procedure(("swivel",), FEW, PLAN))
     with pytest.raises(CalibrationError, match="static: 100% of the samples lack angles or hand"):
         feeder.feed(np.full((400, 3), np.nan))
-    assert np.isnan(feeder.procedure.view().speed)
-    assert feeder.procedure.view().lost == 1.0
+    assert np.isnan(feeder.procedure.progress().speed)
+    assert feeder.procedure.progress().lost == 1.0
 
 
 def test_a_point_is_done_again_next_and_then_it_goes_on_where_it_was() -> None:

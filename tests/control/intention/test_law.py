@@ -78,7 +78,7 @@ def test_an_action_that_it_never_saw_is_rejected(left_out: str) -> None:
     law = law_of(record_of(train(known, record_of(own(1)).thresholds)))
     other = session(1, seed=7)
     out = play(law, other.rotation, other.translation)
-    for a, b, label, _ in other.said:
+    for a, b, label, _ in other.labels:
         if label == left_out:  # once the body is there
             at = (other.times >= a + 1.6) & (other.times < b)
             assert out["rejected"][at].mean() > 0.9

@@ -213,7 +213,7 @@ def test_who_is_at_a_port(pair: Any) -> None:
 def test_what_is_no_mti_is_refused_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch, sent: bytes, problem: str, remedy: str
 ) -> None:
-    monkeypatch.setattr("srl.drivers.xsens_mti.opening.PATIENCE", 0.05)
+    monkeypatch.setattr("srl.drivers.xsens_mti.opening.TIMEOUT", 0.05)
     cable = open_transport("loop://mti", place="test")
     cable.write_all(sent, 1.0)
     with pytest.raises(DeviceError, match=problem) as caught:
@@ -223,7 +223,7 @@ def test_what_is_no_mti_is_refused_with_a_remedy(
 
 
 def test_a_rate_that_it_does_not_take_is_refused(pair: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("srl.drivers.xsens_mti.opening.PATIENCE", 0.3)
+    monkeypatch.setattr("srl.drivers.xsens_mti.opening.TIMEOUT", 0.3)
     p = pair()
     taken = p.twin._configure
 

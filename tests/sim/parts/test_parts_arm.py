@@ -79,7 +79,7 @@ def test_an_untold_load_sags_and_a_told_one_does_not() -> None:
         "mass": 2.0,
     }
     moved, felt, holding = [], [], []
-    for reported in ({}, {"told_payload": {"mass": 2.0, "com": (0, 0, 0.05)}}):
+    for reported in ({}, {"declared_payload": {"mass": 2.0, "com": (0, 0, 0.05)}}):
         world = cell(arm={"part": "panda", **reported}, load=load)
         part = arm(world)
         holding.append(part.gravity())

@@ -136,7 +136,7 @@ def test_without_power_the_springs_open_it() -> None:
 
 def test_it_works_on_an_arm() -> None:
     parts = {
-        "arm": {"part": "panda", "told_payload": {"mass": 0.48, "com": (0, 0, 0.1)}},
+        "arm": {"part": "panda", "declared_payload": {"mass": 0.48, "com": (0, 0, 0.1)}},
         "hand": {"part": "softhand", "at": "arm/flange"},
     }
     world = Cell(CellConfig.model_validate({"parts": parts}), 1)
