@@ -7,33 +7,26 @@ in front of the request. So never more than one command is on its way (see `Line
 
 from __future__ import annotations
 
-import contextlib
-from operator import add
+from collections.abc import Sequence
 from typing import Final
 
-import numpy as np
-
-from srl.drivers.dynamixel import declare
 from srl.drivers.dynamixel.config import DynamixelConfig
-from srl.drivers.dynamixel.family import family
-from srl.drivers.dynamixel.faults import Faults, who_is_silent
-from srl.drivers.dynamixel.goals import Goals
-from srl.drivers.dynamixel.line import Line, Request
-from srl.drivers.dynamixel.plan import Plan
+from srl.drivers.dynamixel.family import WATCHDOG, Family, family
 from srl.drivers.dynamixel.recovery import Recovery
 from srl.drivers.dynamixel.session import Session, who
 from srl.drivers.dynamixel.setup import Bus, set_up, watchdog_code
-from srl.drivers.transport import Transport, open_transport
-from srl.runtime.contracts import servo_record
-from srl.runtime.contracts.driver import Driver
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
-from srl.runtime.contracts.signals import Kind, Stop
+from srl.drivers.servo_bus import declare
+from srl.drivers.servo_bus.driver import ServoBus
+from srl.drivers.servo_bus.faults import Faults
+from srl.drivers.servo_bus.goals import Goals
+from srl.drivers.servo_bus.line import Line, Request
+from srl.drivers.transport import open_transport
+from srl.runtime.contracts.signals import Command, Kind, Stop
 
-LOST: Final = 1_000_000_000  # ns without any answer from a servo
 _SUSPECT: Final = 0.8  # share of the watchdog's time without a packet after which it may have tripped
 
 
-class Dynamixel(Driver):
+class Dynamixel(ServoBus):
     """Axes driven by MX servos.
 
     States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity` (rad/s,
@@ -45,55 +38,33 @@ class Dynamixel(Driver):
     Config = DynamixelConfig
     summary = "Dynamixel MX-28/64/106 servos on one bus, protocol 1.0 or 2.0"
     usb = ("0403:6014",)  # FTDI, in the U2D2
-    gives = declare.STATES
     takes: tuple[str, ...] = declare.COMMANDS
-    max_age = 0.1
-    calibrated = servo_record.WHAT
+    config: DynamixelConfig
+    _units: Family
+    _bus: Bus | None
 
     def __init__(self, name: str, config: DynamixelConfig) -> None:
-        super().__init__(name, config)
-        self.config: DynamixelConfig = config
-        self.simulated = servo_record.of_device(config.calibration, name)
-        self._family = family(config)
-        self.states, self.commands = (
-            declare.states(config.motors),
-            (declare.command(config, self._family.unit.tolist()),),
-        )
-        self._kind = self.commands[0].kind
-        self.limits[config.command] = config.limits
-        motors = config.motors
-        homes = [motor.home for motor in motors.values() if motor.home is not None]
-        if homes and self._kind is not Kind.TORQUE:
-            self.home[config.command] = np.array(homes)
-        self._faults = Faults(tuple(motors))
-        self._link: Transport | None = None
-        self._line: Line | None = None
-        self._bus: Bus | None = None
-        self._number = {id: i for i, id in enumerate(config.ids)}
+        units = family(config)
+        command = _command(config, units.unit.tolist())
+        super().__init__(name, config, units, Faults(tuple(config.motors)), command)
+        self._kind = command.kind
         self._suspect_after = round(_SUSPECT * config.watchdog * 1e9)
-        self._counted = [0, 0, 0]  # frames, errors, resyncs of earlier connections
-        f = self._family
         self._arm = b""
-        if f.protocol == 2:
-            self._arm = f.frame("bus_watchdog", 0) + f.frame("bus_watchdog", watchdog_code(config.watchdog))
-        self._limp = f.frame("torque_enable", 0)
-        self._zero = b"" if self._kind is Kind.POSITION else f.again()  # the goals are still 0 here
+        if units.protocol == 2:
+            code = watchdog_code(config.watchdog)
+            self._arm = units.frame("bus_watchdog", 0) + units.frame("bus_watchdog", code)
+        self._zero = b"" if self._kind is Kind.POSITION else units.again()  # the goals are still 0 here
         self._forget()
 
     def _forget(self) -> None:
-        self._goals = Goals(self._family, self._faults, self._kind)
+        super()._forget()
+        self._goals = Goals(self._units, self._faults, self._kind)
         self._recovery: Recovery | None = None
-        self._words = b""  # a stop command that wasn't sent yet
-        self._let_go = False  # LIMP was requested
-        self._prefix = b""  # bytes sent in front of the next request
-        self._writing = False  # `write` was called since the last `read`
-        self._sampled = self._driven = False  # since opening; commanded since the last rest
+        self._driven = False  # commanded since the last rest
         self._suspect = self._checked = False  # whether the watchdogs must be checked; whether that was just done
         self._sampling = False
-        self._plan = Plan(self._family)
-        self._exchanges = self._unanswered = 0
         self._hold: tuple[bytes, tuple[bytes, ...]] = b"", ()  # goals, and the stop frame made of them
-        filler = self._family.filler
+        filler = self._units.filler
         self._limp_frames, self._zero_frames = (filler + self._limp * 2,), (filler + self._zero * 2,)
 
     def open(self) -> None:
@@ -104,93 +75,47 @@ class Dynamixel(Driver):
         self.close()
         link = open_transport(self.config.port, place=self.name, baudrate=self.config.baudrate)
         try:
-            session = Session(link, self._family, self.name)
+            session = Session(link, self._units, self.name)
             bus = set_up(session, scan=not self.health.was_open)
         except BaseException:
             link.close()
             raise
         self._link, self._bus = link, bus
-        self._line = Line(link, self._family)
+        self._line = Line(link, self._units)
         self._forget()
         self._goals.powered = list(bus.powered)
         self._faults.clear()
         for i, bits in enumerate(bus.errors):
-            self._faults.hardware(i, bits, self._family.protocol)
+            self._faults.hardware(i, bits, self._units.protocol)
         self._name_faults()
         self.limits = {self.config.command: bus.limits}
         self._keep(session.parser.frames, session.parser.errors, session.parser.resyncs)
         self.health.opened()
         self.health.message = f"firmware {', '.join(map(str, bus.firmware))}"
 
-    def read(self, now: int) -> None:
-        line = self._open_line()
-        try:
-            over = line.poll(now)
-            if over is not None:
-                self._take(over, now)
-            self._count(line)
-            self._watch(line, now)
-            if not self._writing:
-                self._rest()
-                if line.free:
-                    self._ask(line, now, False)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
-        self._writing = False
-        self.health.unsent = line.unsent
-
-    def write(self, now: int) -> None:
-        """A servo gets torque with its first goal, which must be near its present position."""
-        line = self._open_line()
-        self._writing = True
-        if not line.free:
-            return
-        try:
-            self._ask(line, now, True)
-        except DeviceLostError:
-            self.health.connected = False
-            raise
-
     def stop(self, category: Stop) -> None:
         """LIMP switches the torque off; goals of velocity and effort become 0."""
         if self._line is None:
             return
         if category is Stop.LIMP:
-            if not self._let_go or any(self._goals.powered):
-                self._words = self._limp
-            self._let_go = True
-            self._goals.powered = [False] * len(self._goals.powered)
-        elif self._zero and not self._words:
-            self._words = self._zero
-        if self._words and self._line.free:
-            with contextlib.suppress(DeviceError):  # the next read reports a lost link
-                if self._line.link.write(self._words):
-                    self._publish_words()
+            self._release()
+        elif self._zero and not self._stopping:
+            self._stopping = self._zero
+        if self._send_stop():
+            self._publish_stop()
 
     def close(self) -> None:
         """Servos hold their last position; velocity and effort become 0; the watchdog is off."""
-        link, line = self._link, self._line
-        self._link = self._line = None
-        if link is None or line is None:
-            return
-        if self.health.connected:
-            with contextlib.suppress(DeviceError):
-                if line.pending is not None or line.in_doubt:
-                    link.read_wait(0.03)  # the servos finish their present answers
-                rest = self._family.frame("bus_watchdog", 0) if self._family.protocol == 2 else b""
-                link.write_all(self._words + self._zero + rest, 0.2)
-        self.health.connected = False
-        self._words = b""
-        self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
-        link.close()
+        super().close()
+
+    def _last(self) -> bytes:
+        return (
+            self._stopping + self._zero + (self._units.frame("bus_watchdog", 0) if self._units.protocol == 2 else b"")
+        )
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
         return who(port)
-
-    def fileno(self) -> int | None:
-        return self._link.fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
         """LIMP switches the torque off; others repeat the last positions, or set goals to 0.
@@ -206,7 +131,7 @@ class Dynamixel(Driver):
         goals, frames = self._hold
         if goals is not self._goals.newest:
             goals = self._goals.newest
-            frames = (self._family.filler + goals + goals,) if goals else ()
+            frames = (self._units.filler + goals + goals,) if goals else ()
             self._hold = goals, frames
         return frames
 
@@ -215,7 +140,7 @@ class Dynamixel(Driver):
 
         The torque stays off until the next `write` whose goal is near the servo's position.
         """
-        faults, family, bus = self._faults, self._family, self._bus
+        faults, family, bus = self._faults, self._units, self._bus
         if self._line is None or bus is None or self._recovery is not None:
             return
         if faults.tripped:
@@ -223,7 +148,7 @@ class Dynamixel(Driver):
             faults.tripped.clear()
         faults.far.clear()
         if family.protocol == 1:
-            overloaded = {self._family.ids[i]: bus.torque[i] for i in faults.errors}
+            overloaded = {self._units.ids[i]: bus.torque[i] for i in faults.errors}
             if overloaded:
                 self._prefix += family.frame("torque_enable", 0, overloaded)
                 self._prefix += family.frame("torque_limit", overloaded)
@@ -235,11 +160,6 @@ class Dynamixel(Driver):
                 self._recovery = Recovery(family, faults, reboot, now)
         self._name_faults()
 
-    def metrics(self) -> dict[str, object]:
-        """Returns firmware versions by motor, exchanges, and requests that weren't answered in full."""
-        firmware = dict(zip(self.config.motors, self._bus.firmware, strict=True)) if self._bus else {}
-        return {"firmware": firmware, "exchanges": self._exchanges, "unanswered": self._unanswered}
-
     # -- an exchange
 
     def _ask(self, line: Line, now: int, commanding: bool) -> None:
@@ -249,10 +169,10 @@ class Dynamixel(Driver):
             return
         goals, waking = self._give() if commanding and not alone else (b"", [])
         if commanding:
-            self._words = b""
-        if line.send(request, now, self._prefix + self._words + goals):
+            self._stopping = b""
+        if line.send(request, now, self._prefix + self._stopping + goals):
             self._prefix = b""
-            self._publish_words()
+            self._publish_stop()
             self._exchanges += 1
             if goals:
                 name = self.config.command
@@ -273,16 +193,16 @@ class Dynamixel(Driver):
             self._name_faults()
         return found
 
-    def _publish_words(self) -> None:
+    def _publish_stop(self) -> None:
         """Notes that the stop command has left; it may set goals of velocity and effort to 0."""
-        if self._words and self._words == self._zero and self._goals.newest:
+        if self._stopping and self._stopping == self._zero and self._goals.newest:
             self.sent_arrays[self.config.command][:] = 0.0
-        self._words = b""
+        self._stopping = b""
 
     def _rest(self) -> None:
         """Handles the end of commands, e.g. after a fault: velocity and effort goals must not stay in force."""
         if self._driven and self._zero:
-            self._words = self._words or self._zero
+            self._stopping = self._stopping or self._zero
         self._driven = False
 
     def _next(self, line: Line, now: int) -> tuple[Request | None, bool]:
@@ -311,7 +231,7 @@ class Dynamixel(Driver):
         self._unanswered += not request.complete
         if self._prefix:
             pass  # requested before the present recovery: tells nothing about faults that are still there
-        elif self._family.protocol == 1:
+        elif self._units.protocol == 1:
             for id, status in answers.items():
                 self._error_bits(self._number[id], status.error)
         elif any(status.alert and self._number[id] not in self._faults.errors for id, status in answers.items()):
@@ -324,25 +244,25 @@ class Dynamixel(Driver):
             self._take_watchdogs(request)
 
     def _fill(self, request: Request) -> None:
-        answers, ids = request.answers, self._family.ids
+        answers, ids = request.answers, self._units.ids
         if len(answers) < len(ids):
             return  # a sample has values of all motors at one time; otherwise there is none
         data = b"".join([answers[id].data for id in ids])
         if len(data) != request.size * len(ids):
             return  # one motor reported an error instead of its data
-        self._family.decode(data, request.size, self.state_arrays)
+        self._units.decode(data, request.size, self.state_arrays)
         self.health.stamp = request.sent
         self._sampled = True
 
     def _check(self, request: Request) -> None:
         """Takes each motor's torque enable, and its hardware error status or torque limit."""
-        address, size = self._family.check
+        address, size = self._units.check
         for id, status in request.answers.items():
             i = self._number[id]
             if len(status.data) != size:
                 continue
-            registers = self._family.tables[i]
-            if self._family.protocol == 2:
+            registers = self._units.tables[i]
+            if self._units.protocol == 2:
                 self._error_bits(i, registers["hardware_error_status"].decode(status.data, address))
             elif not registers["torque_limit"].decode(status.data, address) and i not in self._faults.errors:
                 self._faults.errors[i] = "its torque limit is 0, as after an overload"
@@ -354,7 +274,7 @@ class Dynamixel(Driver):
 
     def _error_bits(self, i: int, bits: int) -> None:
         if bits and i not in self._faults.errors:
-            self._faults.hardware(i, bits, self._family.protocol)
+            self._faults.hardware(i, bits, self._units.protocol)
             if i in self._faults.errors:
                 self._goals.powered[i] = False
                 self._name_faults()
@@ -370,24 +290,8 @@ class Dynamixel(Driver):
         elif tripped or unarmed:
             self._prefix = self._arm
 
-    def _watch(self, line: Line, now: int) -> None:
-        """Raises DeviceLostError if a servo hasn't answered for a second."""
-        if silent := line.silent(now - LOST) - self._away():
-            remedy = "Check the bus' cables and the servos' power"
-            raise DeviceLostError(self.name, who_is_silent(self.config.motors, silent), remedy)
 
-    def _name_faults(self) -> None:
-        self.health.fault = self._faults.text()
-
-    def _count(self, line: Line) -> None:
-        parser, health = line.parser, self.health
-        new = parser.frames, parser.errors + line.timeouts, parser.resyncs
-        health.frames, health.errors, health.resyncs = map(add, self._counted, new)
-
-    def _keep(self, *counts: int) -> None:
-        self._counted = list(map(add, self._counted, counts))
-
-    def _open_line(self) -> Line:
-        if self._line is None:
-            raise DeviceLostError(self.name, "the bus isn't open", "Open it first")
-        return self._line
+def _command(config: DynamixelConfig, unit: Sequence[float]) -> Command:
+    """The command of the profile's `mode`, (n,); `unit` is that of the goal's register, in the command's (n,)."""
+    timeout = watchdog_code(config.watchdog) * WATCHDOG if config.protocol == 2 else None
+    return declare.command_of(config.motors, config.command, unit, timeout)

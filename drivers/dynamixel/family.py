@@ -13,10 +13,11 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.drivers.dynamixel import protocol1, protocol2, table
+from srl.drivers.dynamixel import protocol2, table
 from srl.drivers.dynamixel.config import DynamixelConfig
-from srl.drivers.dynamixel.models import CENTRE, COUNTS
-from srl.drivers.dynamixel.units import Parser, Units, Wire
+from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.models import CENTRE, COUNTS
+from srl.drivers.servo_bus.units import Parser, Units, Wire
 from srl.runtime.contracts.signals import Array, Limits
 
 VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s per unit

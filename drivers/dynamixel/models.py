@@ -4,33 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import Final, Protocol
-
-COUNTS: Final = 4096  # per turn
-CENTRE: Final = 2048  # counts, zero of the shaft's angle
-PER_COUNT: Final = 2 * pi / COUNTS  # rad
-
-
-class Nominal(Protocol):
-    """The nominal values of any bus servo at 12 V; see `Model`."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def stall_torque(self) -> float: ...
-
-    @property
-    def stall_current(self) -> float: ...
-
-    @property
-    def no_load_speed(self) -> float: ...
-
-    @property
-    def mass(self) -> float: ...
-
-    @property
-    def torque_constant(self) -> float: ...
+from typing import Final
 
 
 @dataclass(frozen=True)

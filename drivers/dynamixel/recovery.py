@@ -7,10 +7,10 @@ from typing import Final
 
 from srl.drivers.dynamixel import protocol2
 from srl.drivers.dynamixel.family import Family
-from srl.drivers.dynamixel.faults import Faults
-from srl.drivers.dynamixel.line import Request
 from srl.drivers.dynamixel.setup import watchdog_code
-from srl.drivers.dynamixel.table import Register
+from srl.drivers.servo_bus.faults import Faults
+from srl.drivers.servo_bus.line import Request
+from srl.drivers.servo_bus.register import Register
 
 TIMEOUT: Final = 3_000_000_000  # ns a servo may take to come back from a reboot
 PAUSE: Final = 200_000_000  # ns between attempts

@@ -6,12 +6,14 @@ import time
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
-from srl.drivers.dynamixel import protocol1, protocol2
-from srl.drivers.dynamixel.asking import Asker
+from srl.drivers.dynamixel import protocol2
 from srl.drivers.dynamixel.family import Family
 from srl.drivers.dynamixel.models import called
-from srl.drivers.dynamixel.packets import BROADCAST
-from srl.drivers.dynamixel.table import BAUDS2, Register
+from srl.drivers.dynamixel.table import BAUDS2
+from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.asking import Asker
+from srl.drivers.servo_bus.packets import BROADCAST
+from srl.drivers.servo_bus.register import Register
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.errors import DeviceError
 

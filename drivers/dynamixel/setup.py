@@ -9,7 +9,7 @@ from typing import Final
 from srl.drivers.dynamixel.config import MotorConfig
 from srl.drivers.dynamixel.family import RETURN_DELAY, WATCHDOG, Family2
 from srl.drivers.dynamixel.session import Session, find
-from srl.drivers.dynamixel.table import Register
+from srl.drivers.servo_bus.register import Register
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Limits
 

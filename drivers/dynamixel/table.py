@@ -2,47 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from srl.drivers.dynamixel.models import Model
-
-
-@dataclass(frozen=True, slots=True)
-class Register:
-    """One register.
-
-    Attributes:
-        address, size: bytes.
-        writable: whether a host may write it.
-        eeprom: non-volatile; can be written only while the torque is off.
-        signed: two's complement.
-        default: as delivered (eeprom), or after power-up.
-        low, high: range of values that may be written; None: any value that fits.
-    """
-
-    address: int
-    size: int
-    writable: bool = True
-    eeprom: bool = False
-    signed: bool = False
-    default: int = 0
-    low: int | None = None
-    high: int | None = None
-
-    @property
-    def end(self) -> int:
-        """The address after it."""
-        return self.address + self.size
-
-    def encode(self, value: int) -> bytes:
-        """Encodes a value."""
-        return value.to_bytes(self.size, "little", signed=self.signed)
-
-    def decode(self, data: bytes | bytearray, base: int = 0) -> int:
-        """Decodes the value from bytes that begin at address `base`."""
-        at = self.address - base
-        return int.from_bytes(data[at : at + self.size], "little", signed=self.signed)
+from srl.drivers.servo_bus.register import Register
 
 
 def _r(address: int, size: int, signed: bool = False) -> Register:

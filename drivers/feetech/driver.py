@@ -6,18 +6,10 @@ takes the answers (see `Line`). The servos have no watchdog: without a word they
 
 from __future__ import annotations
 
-import contextlib
-from operator import add
 from typing import Final
 
 import numpy as np
 
-from srl.drivers.dynamixel import declare
-from srl.drivers.dynamixel.asking import Asker
-from srl.drivers.dynamixel.config import bounds
-from srl.drivers.dynamixel.faults import who_is_silent
-from srl.drivers.dynamixel.line import Line, Request
-from srl.drivers.dynamixel.plan import Plan
 from srl.drivers.feetech import protocol
 from srl.drivers.feetech.config import FeetechConfig
 from srl.drivers.feetech.faults import FeetechFaults, Watch
@@ -25,17 +17,17 @@ from srl.drivers.feetech.goals import StoredGoals
 from srl.drivers.feetech.opening import Bus, set_up, settings, who
 from srl.drivers.feetech.table import TABLE
 from srl.drivers.feetech.units import FeetechUnits
-from srl.drivers.transport import Transport, open_transport
-from srl.runtime.contracts import servo_record
-from srl.runtime.contracts.driver import Driver
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.drivers.servo_bus import declare
+from srl.drivers.servo_bus.asking import Asker
+from srl.drivers.servo_bus.driver import ServoBus
+from srl.drivers.servo_bus.line import Line, Request
+from srl.drivers.transport import open_transport
 from srl.runtime.contracts.signals import Stop
 
-LOST: Final = 1_000_000_000  # ns without any answer from a servo
 _COMMAND: Final = "position_command"
 
 
-class Feetech(Driver):
+class Feetech(ServoBus):
     """Axes driven by STS servos.
 
     States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity` (rad/s,
@@ -46,41 +38,23 @@ class Feetech(Driver):
     Config = FeetechConfig
     summary = "Feetech STS bus servos (STS3215 of the SO-100/101, STS3250)"
     usb = ("1a86:55d3",)  # CH343, in the adapters that come with the SO-101
-    gives = declare.STATES
     takes: tuple[str, ...] = (_COMMAND,)
-    max_age = 0.1
-    calibrated = servo_record.WHAT
+    config: FeetechConfig
+    _units: FeetechUnits
+    _faults: FeetechFaults
+    _goals: StoredGoals
+    _bus: Bus | None
 
     def __init__(self, name: str, config: FeetechConfig) -> None:
-        super().__init__(name, config)
-        self.config: FeetechConfig = config
-        self.simulated = servo_record.of_device(config.calibration, name)
-        self._units = FeetechUnits(config)
-        self.states = declare.states(config.motors)
-        self.commands = (declare.command_of(config.motors, _COMMAND, self._units.unit.tolist(), None),)
-        homes = [motor.home for motor in config.motors.values() if motor.home is not None]
-        if homes:
-            self.home[_COMMAND] = np.array(homes)
-        self.limits[_COMMAND] = bounds(config.motors)  # the servos' own are known once they answer
-        self._faults = FeetechFaults(tuple(config.motors))
-        self._link: Transport | None = None
-        self._line: Line | None = None
-        self._bus: Bus | None = None
-        self._number = {id: i for i, id in enumerate(config.ids)}
-        self._counted = [0, 0, 0]  # frames, errors, resyncs of earlier connections
-        self._limp = self._units.frame("torque_enable", 0)
+        units = FeetechUnits(config)
+        command = declare.command_of(config.motors, _COMMAND, units.unit.tolist(), None)
+        super().__init__(name, config, units, FeetechFaults(tuple(config.motors)), command)
         self._forget()
 
     def _forget(self) -> None:
+        super()._forget()
         self._goals = StoredGoals(self._units, self._faults)
-        self._plan = Plan(self._units)
-        self._words = b""  # a stop command that wasn't sent yet
-        self._let_go = False  # LIMP was requested, and no goal since
-        self._prefix = b""  # bytes sent in front of the next request
-        self._writing = False  # `write` was called since the last `read`
-        self._sampled = False  # since opening
         self._unsure = False  # a servo was silent: it may have lost its power, so it is looked at before it gets a goal
-        self._exchanges = self._unanswered = 0
         self._frames: tuple[bytes | None, tuple[bytes, ...], tuple[bytes, ...]] = None, (), ()  # goals; hold; LIMP
 
     def open(self) -> None:
@@ -114,71 +88,17 @@ class Feetech(Driver):
             self._message += " (mixed: some versions answer a sync read differently; update the older ones)"
         self.health.message = self._message
 
-    def read(self, now: int) -> None:
-        line = self._open_line()
-        try:
-            over = line.poll(now)
-            if over is not None:
-                self._take(over, now)
-            self._count(line)
-            if silent := line.silent(now - LOST):
-                remedy = "Check the bus' cables and the servos' power"
-                raise DeviceLostError(self.name, who_is_silent(self.config.motors, silent), remedy)
-            if not self._writing and line.free:
-                self._ask(line, now, False)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
-        self._writing = False
-        self.health.unsent = line.unsent
-
-    def write(self, now: int) -> None:
-        """A servo gets torque once it has stored a goal near its present position."""
-        line = self._open_line()
-        self._writing = True
-        if not line.free:
-            return
-        try:
-            self._ask(line, now, True)
-        except DeviceLostError:
-            self.health.connected = False
-            raise
-
     def stop(self, category: Stop) -> None:
         """LIMP switches the torque off; after any other the servos hold their last goals."""
         if self._line is None or category is not Stop.LIMP:
             return
-        if not self._let_go or any(self._goals.powered):
-            self._words = self._limp
-        self._let_go = True
-        self._goals.powered = [False] * len(self._goals.powered)
-        if self._words and self._line.free:
-            with contextlib.suppress(DeviceError):  # the next read reports a lost link
-                if self._line.link.write(self._words):
-                    self._words = b""
-
-    def close(self) -> None:
-        """Servos with torque hold their last goals, also without a host."""
-        link, line = self._link, self._line
-        self._link = self._line = None
-        if link is None or line is None:
-            return
-        if self.health.connected and self._words:
-            with contextlib.suppress(DeviceError):
-                if line.pending is not None or line.in_doubt:
-                    link.read_wait(0.03)  # the servos finish their present answers
-                link.write_all(self._words, 0.2)
-        self.health.connected = False
-        self._words = b""
-        self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
-        link.close()
+        self._release()
+        if self._send_stop():
+            self._stopping = b""
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
         return who(port)
-
-    def fileno(self) -> int | None:
-        return self._link.fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
         """LIMP switches the torque off; others repeat the last goals.
@@ -214,11 +134,6 @@ class Feetech(Driver):
         self._unsure = True
         self._name_faults()
 
-    def metrics(self) -> dict[str, object]:
-        """Returns firmware versions by motor, exchanges, and requests that weren't answered in full."""
-        firmware = dict(zip(self.config.motors, self._bus.firmware, strict=True)) if self._bus else {}
-        return {"firmware": firmware, "exchanges": self._exchanges, "unanswered": self._unanswered}
-
     # -- an exchange
 
     def _ask(self, line: Line, now: int, commanding: bool) -> None:
@@ -234,9 +149,9 @@ class Feetech(Driver):
             if len(self._faults.far) > before:
                 self._name_faults()
         if goals:
-            self._words = b""
-        if line.send(request, now, self._prefix + self._words + goals):
-            self._prefix = self._words = b""
+            self._stopping = b""
+        if line.send(request, now, self._prefix + self._stopping + goals):
+            self._prefix = self._stopping = b""
             self._exchanges += 1
             if goals:
                 self._goals.left(goals, waking, self.command_arrays[_COMMAND], self.sent_arrays[_COMMAND])
@@ -291,23 +206,7 @@ class Feetech(Driver):
         self._goals.stored[i] = TABLE["goal_position"].decode(data, base)
         on = TABLE["torque_enable"].decode(data, base) == 1
         if on and self._let_go and not self._goals.powered[i]:
-            self._words = self._limp  # a packet without an answer may be lost
+            self._stopping = self._limp  # a packet without an answer may be lost
         if not on and self._goals.powered[i]:
             self._faults.limp.add(i)
             self._goals.powered[i] = False
-
-    def _name_faults(self) -> None:
-        self.health.fault = self._faults.text()
-
-    def _count(self, line: Line) -> None:
-        parser, health = line.parser, self.health
-        new = parser.frames, parser.errors + line.timeouts, parser.resyncs
-        health.frames, health.errors, health.resyncs = map(add, self._counted, new)
-
-    def _keep(self, *counts: int) -> None:
-        self._counted = list(map(add, self._counted, counts))
-
-    def _open_line(self) -> Line:
-        if self._line is None:
-            raise DeviceLostError(self.name, "the bus isn't open", "Open it first")
-        return self._line

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from srl.drivers.dynamixel.faults import Faults
 from srl.drivers.feetech import protocol
+from srl.drivers.servo_bus.faults import Faults
 from srl.runtime.contracts.signals import Array
 
 WORDS: Final = {

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from srl.drivers.dynamixel.faults import Faults
-from srl.drivers.dynamixel.goals import Goals
-from srl.drivers.dynamixel.models import PER_COUNT
 from srl.drivers.feetech.units import FeetechUnits
+from srl.drivers.servo_bus.faults import Faults
+from srl.drivers.servo_bus.goals import Goals
+from srl.drivers.servo_bus.models import PER_COUNT
 from srl.runtime.contracts.signals import Array, Kind
 
 

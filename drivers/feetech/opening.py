@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from srl.drivers.dynamixel.asking import Asker
-from srl.drivers.dynamixel.packets import Status
-from srl.drivers.dynamixel.table import Register
 from srl.drivers.feetech import protocol
 from srl.drivers.feetech.models import STRANGERS, called
 from srl.drivers.feetech.table import POSITION, SEVERAL_TURNS, TABLE
 from srl.drivers.feetech.units import RETURN_DELAY, FeetechUnits, own_range
+from srl.drivers.servo_bus.asking import Asker
+from srl.drivers.servo_bus.packets import Status
+from srl.drivers.servo_bus.register import Register
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Limits

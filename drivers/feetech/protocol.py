@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from itertools import accumulate
 from typing import Final
 
-from srl.drivers.dynamixel.packets import BROADCAST
-from srl.drivers.dynamixel.protocol1 import (
+from srl.drivers.servo_bus.packets import BROADCAST
+from srl.drivers.servo_bus.protocol1 import (
     ACTION,
     OVERHEAD,
     PING,

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.drivers.dynamixel.table import Register
+from srl.drivers.servo_bus.register import Register
 
 
 @dataclass(frozen=True, slots=True)

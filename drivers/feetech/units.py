@@ -9,12 +9,12 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.drivers.dynamixel.models import PER_COUNT
-from srl.drivers.dynamixel.table import Register
-from srl.drivers.dynamixel.units import Units, Wire
 from srl.drivers.feetech import protocol
 from srl.drivers.feetech.config import FeetechConfig
 from srl.drivers.feetech.table import TABLE, TURNS, signed
+from srl.drivers.servo_bus.models import PER_COUNT
+from srl.drivers.servo_bus.register import Register
+from srl.drivers.servo_bus.units import Units, Wire
 from srl.runtime.contracts.signals import Array, Limits
 
 CURRENT: Final = 6.5e-3  # A per unit; one source only

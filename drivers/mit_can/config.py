@@ -7,9 +7,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from srl.drivers.dynamixel.config import AxisConfig, check_axes
 from srl.drivers.mit_can.models import MODELS, Generation, Maker, Model, Range
 from srl.drivers.mit_can.protocol import KD_MAX, KP_MAX, TICK, V3_STATUS
+from srl.drivers.servo_bus.config import AxisConfig, check_axes
 from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import OptionError, nearest
 

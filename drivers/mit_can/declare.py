@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from srl.drivers.dynamixel import declare
-from srl.drivers.dynamixel.config import bounds
 from srl.drivers.mit_can import protocol
 from srl.drivers.mit_can.config import MitCanConfig
 from srl.drivers.mit_can.models import Range
+from srl.drivers.servo_bus import declare
+from srl.drivers.servo_bus.config import bounds
 from srl.runtime.contracts.driver import EXTENDED
 from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 

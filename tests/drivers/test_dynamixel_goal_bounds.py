@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from srl.drivers.dynamixel.family import Family, family
-from srl.drivers.dynamixel.models import CENTRE, PER_COUNT
+from srl.drivers.servo_bus.models import CENTRE, PER_COUNT
 from srl.runtime.contracts.signals import Array
 
 LOW, HIGH = 1024, 3072  # counts: a quarter of a turn to each side

@@ -7,7 +7,7 @@ import pytest
 from helpers.dynamixel import TWO, Rig, config, make_twin, near, torque, truth
 from pydantic import ValidationError
 
-from srl.drivers.dynamixel.models import PER_COUNT
+from srl.drivers.servo_bus.models import PER_COUNT
 from srl.runtime.contracts.errors import DeviceError
 
 REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL, UNKNOWN = 1, 2, 4, 8, 64  # bits of the drive mode

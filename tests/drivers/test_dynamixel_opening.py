@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from srl.drivers.dynamixel import Dynamixel, asking, session
+from srl.drivers.dynamixel import Dynamixel, session
 from srl.drivers.dynamixel.family import family
-from srl.drivers.dynamixel.models import CENTRE, PER_COUNT
+from srl.drivers.servo_bus import asking
+from srl.drivers.servo_bus.models import CENTRE, PER_COUNT
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Kind, Stop
 

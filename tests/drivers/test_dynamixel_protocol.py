@@ -5,8 +5,9 @@ from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from srl.drivers.dynamixel import protocol1, protocol2
-from srl.drivers.dynamixel.packets import BROADCAST, Instruction, Status
+from srl.drivers.dynamixel import protocol2
+from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.packets import BROADCAST, Instruction, Status
 
 # Sheet dynamixel, §7: made with dynamixel-sdk 4.1.0 (TX), or decoded by it (replies).
 SENT2 = [

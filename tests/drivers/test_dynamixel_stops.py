@@ -196,7 +196,7 @@ def test_a_pulled_cable_is_a_loss_and_the_bus_opens_again():
         rig.driver.close()
         rig.twin.open()
         rig.driver.config = rig.driver.config.model_copy(update={"port": rig.twin.address})
-        rig.driver._family.config = rig.driver.config
+        rig.driver._units.config = rig.driver.config
         rig.open()
         assert rig.driver.health.reconnects == 1
         rig.hold()

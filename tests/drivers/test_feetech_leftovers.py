@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.feetech import TWO, FeetechRig, make_twin
 
-from srl.drivers.dynamixel.models import PER_COUNT
+from srl.drivers.servo_bus.models import PER_COUNT
 from srl.runtime.contracts.errors import DeviceError
 
 FIRST = "'shoulder' (id 1)"

@@ -4,8 +4,8 @@ import pytest
 from helpers.feetech import FeetechRig, config, make_twin
 from helpers.twin import Bench, bound
 
-from srl.drivers.dynamixel import asking
 from srl.drivers.feetech import Feetech, opening
+from srl.drivers.servo_bus import asking
 from srl.runtime.contracts.errors import DeviceError
 
 

@@ -180,7 +180,7 @@ class DynamixelWire(SerialWire):
         driver = Dynamixel("device", DynamixelConfig.model_validate(given))
         (command,) = driver.commands
         guard, amplitude, rate = DYNAMIXEL[mode]
-        family = driver._family
+        family = driver._units
         setting = Setting(
             "dynamixel", given, command, guard, np.zeros(2), amplitude, 100.0, rate,
             0.51 * np.abs(np.array(command.resolution)),

@@ -9,10 +9,11 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from srl.drivers.dynamixel import Dynamixel
-from srl.drivers.dynamixel.config import AxisConfig, DynamixelConfig
+from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import Family, Family2, family
-from srl.drivers.dynamixel.faults import BEYOND, FAR, Faults
 from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
+from srl.drivers.servo_bus.config import AxisConfig
+from srl.drivers.servo_bus.faults import BEYOND, FAR, Faults
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array, Kind, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World

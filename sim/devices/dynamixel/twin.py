@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from srl.drivers.dynamixel import protocol1, protocol2
+from srl.drivers.dynamixel import protocol2
 from srl.drivers.dynamixel.family import RETURN_DELAY
-from srl.drivers.dynamixel.packets import BROADCAST, Instruction
 from srl.drivers.dynamixel.table import baud_code, baudrate
+from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.packets import BROADCAST, Instruction
 from srl.sim.devices.dynamixel.fake import REBOOT, FakeDynamixel
 from srl.sim.devices.dynamixel.twin_line import ServoLine
 from srl.sim.devices.dynamixel.twin_registers import Registers

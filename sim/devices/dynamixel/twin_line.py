@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, Final
 
-from srl.drivers.dynamixel.packets import Instruction
+from srl.drivers.servo_bus.packets import Instruction
 from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.serial import SerialTwin
 

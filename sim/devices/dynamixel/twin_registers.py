@@ -7,8 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.drivers.dynamixel.models import CENTRE, Model
-from srl.drivers.dynamixel.table import POSITION, Register, table
+from srl.drivers.dynamixel.models import Model
+from srl.drivers.dynamixel.table import POSITION, table
+from srl.drivers.servo_bus.models import CENTRE
+from srl.drivers.servo_bus.register import Register
 from srl.sim.parts.dynamixel.motors import Motors
 
 

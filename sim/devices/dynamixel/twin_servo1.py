@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from srl.drivers.dynamixel import protocol1
 from srl.drivers.dynamixel.family import CURRENT1, VELOCITY1
-from srl.drivers.dynamixel.models import CENTRE
 from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY
+from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.models import CENTRE
 from srl.sim.devices.dynamixel.twin_registers import REVERSE, Registers, whole
 from srl.sim.parts.dynamixel.motors import HEAT_BIT, OVERLOAD_BIT, VOLTAGE_BIT
 

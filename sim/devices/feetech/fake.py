@@ -7,13 +7,13 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from srl.drivers.dynamixel.faults import BEYOND, FAR
-from srl.drivers.dynamixel.models import PER_COUNT
 from srl.drivers.feetech import Feetech
 from srl.drivers.feetech.config import FeetechConfig
 from srl.drivers.feetech.faults import FeetechFaults, Watch
 from srl.drivers.feetech.table import END, TABLE
 from srl.drivers.feetech.units import CURRENT, VOLT, FeetechUnits
+from srl.drivers.servo_bus.faults import BEYOND, FAR
+from srl.drivers.servo_bus.models import PER_COUNT
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World

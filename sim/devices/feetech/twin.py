@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from srl.drivers.dynamixel.packets import Instruction
 from srl.drivers.feetech import protocol
 from srl.drivers.feetech.table import BAUDS
 from srl.drivers.feetech.units import RETURN_DELAY
+from srl.drivers.servo_bus.packets import Instruction
 from srl.sim.devices.dynamixel.twin_line import ServoLine
 from srl.sim.devices.feetech.fake import FakeFeetech
 from srl.sim.devices.feetech.twin_servo import Servo

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from srl.drivers.dynamixel.models import COUNTS, PER_COUNT
 from srl.drivers.feetech.models import Model
 from srl.drivers.feetech.table import END, SEVERAL_TURNS, TABLE, Word
 from srl.drivers.feetech.units import CURRENT, VOLT
+from srl.drivers.servo_bus.models import COUNTS, PER_COUNT
 from srl.sim.parts.dynamixel.motors import EXTENDED, OVERLOAD_BIT, VELOCITY
 from srl.sim.parts.feetech.motors import GAIN, FeetechMotors
 

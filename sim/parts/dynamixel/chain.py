@@ -11,7 +11,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from srl.drivers.dynamixel.models import MODELS, Nominal
+from srl.drivers.dynamixel.models import MODELS
+from srl.drivers.servo_bus.models import Nominal
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError
 from srl.runtime.contracts.signals import Array, Signal

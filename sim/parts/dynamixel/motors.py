@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from srl.drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT, Nominal
+from srl.drivers.servo_bus.models import CENTRE, COUNTS, PER_COUNT, Nominal
 from srl.runtime.contracts.signals import Array
 
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16

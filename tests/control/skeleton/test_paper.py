@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from srl.control.skeleton.paper import PaperVector
-from srl.drivers.dynamixel.models import COUNTS, PER_COUNT
+from srl.drivers.servo_bus.models import COUNTS, PER_COUNT
 from srl.runtime.contracts.rotation import matrices
 from srl.runtime.models.skeleton import bvh
 

@@ -8,8 +8,9 @@ from helpers.dynamixel import make_twin
 from helpers.fuzz import mutations
 from helpers.twin import Bench, Client
 
-from srl.drivers.dynamixel import protocol1, protocol2
-from srl.drivers.dynamixel.packets import Status
+from srl.drivers.dynamixel import protocol2
+from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.packets import Status
 from srl.sim.devices.dynamixel.twin_servo1 import magnitude, with_sign
 
 MS = 1_000_000

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from srl.drivers.dynamixel.line import Request
-from srl.drivers.dynamixel.units import Units
+from srl.drivers.servo_bus.line import Request
+from srl.drivers.servo_bus.units import Units
 
 SLOW: Final = 100_000_000  # ns between requests for anything but samples
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from srl.drivers.dynamixel.faults import BEYOND, FAR, Faults
-from srl.drivers.dynamixel.units import Units
+from srl.drivers.servo_bus.faults import BEYOND, FAR, Faults
+from srl.drivers.servo_bus.units import Units
 from srl.runtime.contracts.signals import Array, Kind
 
 

@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.drivers.dynamixel.config import AxisConfig
-from srl.drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT
-from srl.drivers.dynamixel.packets import BROADCAST, Status
-from srl.drivers.dynamixel.table import Register
+from srl.drivers.servo_bus.config import AxisConfig
+from srl.drivers.servo_bus.models import CENTRE, COUNTS, PER_COUNT
+from srl.drivers.servo_bus.packets import BROADCAST, Status
+from srl.drivers.servo_bus.register import Register
 from srl.runtime.contracts.signals import Array
 
 

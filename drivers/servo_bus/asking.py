@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from srl.drivers.dynamixel.packets import Status
-from srl.drivers.dynamixel.units import OnLine
+from srl.drivers.servo_bus.packets import Status
+from srl.drivers.servo_bus.units import OnLine
 from srl.drivers.transport import Transport
 
 TRIES: Final = 3

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from srl.drivers.dynamixel import protocol1
-from srl.drivers.dynamixel.config import AxisConfig
+from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.config import AxisConfig
 
 ERRORS2: Final = {
     0: "input voltage",

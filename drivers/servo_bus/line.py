@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from srl.drivers.dynamixel.packets import Status
-from srl.drivers.dynamixel.units import OnLine
+from srl.drivers.servo_bus.packets import Status
+from srl.drivers.servo_bus.units import OnLine
 from srl.drivers.transport import Transport
 
 LATENCY: Final = 20_000_000  # ns that adapter and kernel may hold bytes back; an FTDI's timer is 16 ms at worst

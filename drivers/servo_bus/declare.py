@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from srl.drivers.dynamixel.config import AxisConfig, DynamixelConfig
-from srl.drivers.dynamixel.family import WATCHDOG
-from srl.drivers.dynamixel.setup import watchdog_code
+from srl.drivers.servo_bus.config import AxisConfig
 from srl.runtime.contracts.signals import Command, Kind, Signal, Stop
 
 STATES: Final = ("position", "velocity", "effort", "temperature", "voltage")
@@ -43,12 +41,6 @@ def states(axes: Mapping[str, AxisConfig]) -> tuple[Signal, ...]:
 def sliding(axes: Mapping[str, AxisConfig]) -> tuple[str, ...]:
     """The prismatic axes."""
     return tuple(name for name, axis in axes.items() if axis.m_per_rad is not None)
-
-
-def command(config: DynamixelConfig, unit: Sequence[float]) -> Command:
-    """The command of the profile's `mode`, (n,); `unit` is that of the goal's register, in the command's (n,)."""
-    timeout = watchdog_code(config.watchdog) * WATCHDOG if config.protocol == 2 else None
-    return command_of(config.motors, config.command, unit, timeout)
 
 
 def command_of(axes: Mapping[str, AxisConfig], name: str, unit: Sequence[float], timeout: float | None) -> Command:

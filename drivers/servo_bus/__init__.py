@@ -1,0 +1,1 @@
+"""What buses of serial servos share, whatever their maker: the line, requests, goals, faults, units."""
