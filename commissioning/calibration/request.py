@@ -7,7 +7,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-LAWS: Final = ("ikns", "intention", "independent-operation", "ft", "glove", "frames", "emg", "suit", "servos")
+METHODS: Final = {
+    "ikns": "ikns.IknsMethod",
+    "intention": "intention.IntentionMethod",
+    "independent-operation": "task.TaskMethod",
+    "ft": "ft.FtMethod",
+    "glove": "glove.GloveMethod",
+    "frames": "frames.FrameMethod",
+    "emg": "emg.EmgMethod",
+    "suit": "suit.SuitMethod",
+    "servos": "servos.ServoMethod",
+}
+"""The class of each kind of calibration, below `commissioning/calibration/`: its folder, and its name."""
+LAWS: Final = tuple(METHODS)
 """What can be calibrated."""
 _IKNS: Final = {"only": "ikns"}
 

@@ -111,8 +111,8 @@ class RunChannels(ABC):
 
     def lost(self, row: NDArray[np.int64]) -> bool:
         """Whether the run is stopped by the loss of a device, and by nothing else."""
-        state, cause, standing = (int(self.layout.word(row, name)) for name in ("state", "cause", "latches"))
-        return state == State.STOPPED and cause == Cause.INTENT_LOSS and not standing & ~Latch.FAULT
+        state, cause, latched = (int(self.layout.word(row, name)) for name in ("state", "cause", "latches"))
+        return state == State.STOPPED and cause == Cause.INTENT_LOSS and not latched & ~Latch.FAULT
 
     def date(self, rows: NDArray[np.int64]) -> datetime.date:
         """The day of the first row, UTC."""

@@ -17,7 +17,7 @@ from typing import Any, Final
 from srl.commissioning.calibration.guide import Guide, QuitError
 from srl.commissioning.calibration.guided import Procedure, Samples
 from srl.commissioning.calibration.method import Method, Outcome
-from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.request import METHODS, CalibrationRequest
 from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Report, Screen
 from srl.commissioning.calibration.sources import RowSource, recorded
@@ -33,17 +33,6 @@ from srl.runtime.recording.segments import check_target as check_recording
 from srl.runtime.recording.segments import folder_of
 from srl.runtime.service.end_signals import EndSignals
 
-_METHODS: Final = {
-    "ikns": "ikns.IknsMethod",
-    "intention": "intention.IntentionMethod",
-    "independent-operation": "task.TaskMethod",
-    "ft": "ft.FtMethod",
-    "glove": "glove.GloveMethod",
-    "frames": "frames.FrameMethod",
-    "emg": "emg.EmgMethod",
-    "suit": "suit.SuitMethod",
-    "servos": "servos.ServoMethod",
-}
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError
@@ -51,7 +40,7 @@ Computed = Outcome | SrlError
 
 def method_of(law: str) -> type[Method[Any, Any]]:
     """How one of `LAWS` is calibrated. Only its module is loaded: all of them take seconds."""
-    module, _, name = _METHODS[law].partition(".")
+    module, _, name = METHODS[law].partition(".")
     found: type[Method[Any, Any]] = getattr(
         importlib.import_module(f"srl.commissioning.calibration.{module}.method"), name
     )

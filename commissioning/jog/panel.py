@@ -54,8 +54,8 @@ class Panel:
         text = state.name.lower()
         if cause:
             text += f" ({cause.name.lower().replace('_', ' ')} {fault_source})".replace(" )", ")")
-        if standing := latches.names(int(row[CYCLE.latches])):
-            text += f", latched: {', '.join(standing)}"
+        if latched := latches.names(int(row[CYCLE.latches])):
+            text += f", latched: {', '.join(latched)}"
         keys = {State.READY: "s start   q end", State.STOPPED: "r reset   q end"}.get(state, MOVES)
         load_text = ""
         if self._load is not None:

@@ -247,7 +247,7 @@ class MitCan(Driver):
     def _command(self, line: Line, motor: Motor, value: float, now: int) -> None:
         """Sends an armed motor its command, in the axis' unit; what leaves, counts as sent."""
         i = motor.number
-        if self._doubtful(line, motor, now):
+        if self._may_have_let_go(line, motor, now):
             line.send(i, motor.damp, now)
             return
         if not isfinite(value):
@@ -307,19 +307,19 @@ class MitCan(Driver):
         if self._damiao and not motor.on:
             line.ask(motor.number)
             return
-        held = motor.damp if self._doubtful(line, motor, now) else motor.held
+        held = motor.damp if self._may_have_let_go(line, motor, now) else motor.held
         line.send(motor.number, motor.slack if self._rest is Stop.LIMP else held, now)
 
-    def _doubtful(self, line: Line, motor: Motor, now: int) -> bool:
-        """Whether a CubeMars by position is to be damped, since it may have let go; see `Doubt`."""
+    def _may_have_let_go(self, line: Line, motor: Motor, now: int) -> bool:
+        """Whether a CubeMars by position is to be damped, since it may have let go; see `SilentRelease`."""
         if self._damiao or not motor.armed or self._kind is not Kind.POSITION:
             return False
         i, turn, most = motor.number, motor.config.turn, self.config.start_tolerance
         silent = line.pending[i] >= UNANSWERED and now - motor.heard > (UNHEARD if self._v3 else SILENT)
         most = min(most, turn / 4 if turn is not None else JUMP)
-        if not motor.doubt.look(now, line.left[i], motor.heard, silent, motor.position, most):
+        if not motor.release.look(now, line.left[i], motor.heard, silent, motor.position, most):
             return False
-        if (away := motor.doubt.moved) is not None:
+        if (away := motor.release.moved) is not None:
             self._faults.jumped.setdefault(i, away)
             motor.disarm()
         return True

@@ -100,6 +100,6 @@ def warnings(config: MitCanConfig, temperature: Array, plausible: Sequence[Plaus
     for name, t, judge in zip(config.motors, temperature.tolist(), plausible, strict=True):
         if config.maker == "damiao" and t >= config.hot - NEAR:
             found.append(f"{name} is at {t:.0f} degC (stops at {config.hot:g})")
-        if doubt := judge.doubt:
-            found.append(f"{name}: {doubt}")
+        if implausible := judge.implausible:
+            found.append(f"{name}: {implausible}")
     return found

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from srl.drivers.mit_can.config import MotorConfig
-from srl.drivers.mit_can.doubt import Doubt
 from srl.drivers.mit_can.plausible import Plausible
+from srl.drivers.mit_can.silent_release import SilentRelease
 
 
 class Stage(IntEnum):
@@ -38,7 +38,7 @@ class Motor:
         at: ns, when it left.
         held: the frame that holds it there, at rest.
         plausible: whether its velocity is that of its position.
-        doubt: whether it may have let go unseen.
+        release: whether it may have let go unseen.
     """
 
     number: int
@@ -57,7 +57,7 @@ class Motor:
     at: int = -1
     held: bytes = field(init=False)
     plausible: Plausible = field(default_factory=Plausible)
-    doubt: Doubt = field(default_factory=Doubt)
+    release: SilentRelease = field(default_factory=SilentRelease)
 
     def __post_init__(self) -> None:
         self.held = self.damp
@@ -78,7 +78,7 @@ class Motor:
     def disarm(self) -> None:
         """It gets no command before it was armed again; until then no stop frame repeats its last one."""
         self.stage, self.last, self.held = Stage.OFF, b"", self.damp
-        self.doubt.forget()
+        self.release.forget()
 
     def left(self, frame: bytes, value: float, held: bytes, now: int) -> None:
         """A command has left. One that the bus refused changes nothing: neither its stop frame nor its speed."""

@@ -24,7 +24,7 @@ class Plausible:
             self._reported += abs(velocity) * dt
 
     @property
-    def doubt(self) -> str:
+    def implausible(self) -> str:
         """In words; "" if nothing is wrong, or not enough was seen."""
         if max(self._moved, self._reported) < FROM:
             return ""

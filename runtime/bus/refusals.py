@@ -26,7 +26,7 @@ def refused(
     cause = Cause(int(row[CYCLE.cause]))
     who = layout.fault_source(cause, int(row[CYCLE.fault_source]))
     why = CAUSES[cause] + (f" ({who})" if who else "")
-    standing = ", ".join(latches.names(int(row[CYCLE.latches])))
+    latched = ", ".join(latches.names(int(row[CYCLE.latches])))
     problem, remedy = {
         Answer.REFUSED_STATE: (
             f"not possible while {state}",
@@ -40,7 +40,7 @@ def refused(
             "Mend that (a device that refuses to move was told to recover), then ask again",
         ),
         Answer.REFUSED_LATCH: (
-            f"clients of the bus may not release what stands ({standing})",
+            f"clients of the bus may not release what stands ({latched})",
             f"Run `srl {'start' if state == 'ready' else 'reset'} {keys.instance}` on its machine, or let "
             "the profile grant it (`reset: {bus: [...]}`)",
         ),

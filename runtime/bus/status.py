@@ -140,16 +140,16 @@ class Reporter:
         words = state.name.lower()
         if cause is not Cause.NONE:
             words += f": {CAUSES[cause]}" + (f" ({who})" if who else "")
-        standing = latches.names(ints["latches"])
-        if standing:
-            words += f"; latched: {', '.join(standing)}"
+        latched = latches.names(ints["latches"])
+        if latched:
+            words += f"; latched: {', '.join(latched)}"
         if silent:
             level, words = STALE, f"the loop gives no sign of life (last: {words})"
         values = {
             "state": state.name.lower(),
             "cause": cause.name.lower(),
             "fault_source": who,
-            "latches": " ".join(standing),
+            "latches": " ".join(latched),
             "refused": ints["refused"],
             "cycle": ints["cycle"],
             "overruns": ints["overruns"],

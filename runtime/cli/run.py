@@ -88,13 +88,13 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
-    standing: PersistentLatches | None = None
+    latched: PersistentLatches | None = None
     supervisor: Supervisor | None = None
     well = False
     try:
         # Only what stopped a real limb outlives its run.
         if any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators):
-            standing = PersistentLatches(state, status.line)
+            latched = PersistentLatches(state, status.line)
         record = args.record
         if args.figure is not None and record is None:
             record = where.path / "figure.rrd"
@@ -102,13 +102,13 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
             shutil.rmtree(folder_of(record), ignore_errors=True)
         launch = Launch(
             source.label, source.text, list(source.overrides), str(source.files.folder), encoded(source.files.kept),
-            args.sim, args.fast, cycles, automatic, [] if standing is None else latches.names(standing.latches),
+            args.sim, args.fast, cycles, automatic, [] if latched is None else latches.names(latched.latches),
             record is not None, args.person or "", _make_room(args, source, checked, status),
         )  # fmt: skip
         telemetry = helpers(where, checked.bus is not None, record, args.view)
         supervisor = Supervisor(where, launch, state, telemetry, status.line)
         signals.pass_to(supervisor.end)
-        result = _supervise(supervisor, standing, args, advice, status)
+        result = _supervise(supervisor, latched, args, advice, status)
         if supervisor.error is not None:
             raise supervisor.error
         code = _report(supervisor, result, args, status)
@@ -118,15 +118,15 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
             _draw(_recording(record), args.figure)
             status.clear()
     finally:
-        if standing is not None:
-            ran = standing.began or (supervisor is not None and supervisor.death is not None)
-            standing.close(well or not ran)  # before the first cycle nothing has moved
+        if latched is not None:
+            ran = latched.began or (supervisor is not None and supervisor.death is not None)
+            latched.close(well or not ran)  # before the first cycle nothing has moved
         where.release()
     return code
 
 
 def _supervise(
-    supervisor: Supervisor, standing: PersistentLatches | None, args: argparse.Namespace, advice: str, status: Status
+    supervisor: Supervisor, latched: PersistentLatches | None, args: argparse.Namespace, advice: str, status: Status
 ) -> dict[str, Any]:
     """Starts the supervisor, runs it until the end, and returns the figures."""
     started = time.monotonic()
@@ -134,8 +134,8 @@ def _supervise(
     next_look = 0.0
     supervisor.start()
     while supervisor.step():
-        if standing is not None and supervisor.running and supervisor.rows is not None:
-            standing.follow(supervisor.rows)
+        if latched is not None and supervisor.running and supervisor.rows is not None:
+            latched.follow(supervisor.rows)
         if time.monotonic() < next_look:
             continue
         next_look = time.monotonic() + REFRESH

@@ -86,8 +86,8 @@ def _line(summary: Summary) -> str:
     cause = Cause(summary.word("cause"))
     fault_source = summary.layout.fault_source(cause, summary.word("fault_source"))
     why = f" ({cause.name.lower()} {fault_source})".replace(" )", ")") if cause else ""
-    if standing := latches.names(summary.word("latches")):
-        why += f" latched: {', '.join(standing)}"
+    if latched := latches.names(summary.word("latches")):
+        why += f" latched: {', '.join(latched)}"
     devices = "  ".join(
         f"{name} {d['state']}" + (f" {d['age_ms']:.0f} ms" if d["age_ms"] is not None else "")
         for name, d in summary.devices().items()

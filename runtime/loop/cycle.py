@@ -58,7 +58,7 @@ class Cycle:
         graph: Graph,
         limits: dict[str, Limits],
         automatic: bool,
-        standing: Latch = latches.NONE,
+        latched: Latch = latches.NONE,
         report: Callable[[str], None] = lambda text: None,
         backend: Backend | None = None,
     ) -> None:
@@ -68,7 +68,7 @@ class Cycle:
             graph: the wired system.
             limits: by command name: the narrower of the profile's and the device's own.
             automatic: leave READY without a request.
-            standing: latches of an earlier run: with one, start in the state STOPPED.
+            latched: latches of an earlier run: with one, start in the state STOPPED.
             report: takes the text of an event; called rarely.
             backend: computes laws and guards; None: the profile's choice.
         Raises:
@@ -77,7 +77,7 @@ class Cycle:
         self.graph = graph
         profile = graph.profile
         granted = latches.of_names(profile.reset.bus)
-        self.machine = Machine(profile.faults, profile.emergency, automatic, standing, granted)
+        self.machine = Machine(profile.faults, profile.emergency, automatic, latched, granted)
         self.reset_inputs = ResetInputs(graph)
         overrun = graph.profile.faults.overrun
         self.overruns = OverrunCounter(overrun.tolerate, overrun.window, overrun.stop)

@@ -48,7 +48,7 @@ class Machine:
         faults: Faults,
         emergency: Sequence[EmergencyInput],
         automatic: bool,
-        standing: Latch = latches.NONE,
+        latched: Latch = latches.NONE,
         granted: Latch = latches.GRANTED,
     ) -> None:
         """Begins in READY, or in STOPPED if a latch stands.
@@ -57,12 +57,12 @@ class Machine:
             faults: the reactions to faults.
             emergency: the emergency inputs.
             automatic: leave READY without a request. Otherwise a person must give the first start: START is latched.
-            standing: latches of an earlier run.
+            latched: latches of an earlier run.
             granted: latches that clients of the bus may release.
         """
-        self.state = State.STOPPED if standing else State.READY
-        self.cause = Cause.RESTART if standing else Cause.NONE
-        self.latches = standing if automatic else standing | Latch.START
+        self.state = State.STOPPED if latched else State.READY
+        self.cause = Cause.RESTART if latched else Cause.NONE
+        self.latches = latched if automatic else latched | Latch.START
         self.fault_source = -1
         self.override: Stop | None = None
         self.exiting = False

@@ -229,8 +229,8 @@ def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
         limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
         # Bits are the same within one backend. An earlier version had Python alone.
         backend: Backend = "auto" if _computed(layout).startswith("c") else "python"
-        standing = latches.of_names(meta["latches"])
-        return graph, Cycle(graph, limits, meta["automatic"], standing, backend=backend)
+        latched = latches.of_names(meta["latches"])
+        return graph, Cycle(graph, limits, meta["automatic"], latched, backend=backend)
     except (KeyError, TypeError, ValueError) as error:
         problem = f"the layout's limits or latches are damaged: {type(error).__name__}: {error}"
         raise RecordingError(place, problem, _DAMAGED) from None

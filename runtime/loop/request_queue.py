@@ -271,13 +271,13 @@ class RequestQueue:
             view[...] = np.nan
             self.graph.row.devices[owner, DEVICE.stamp] = -1
 
-    def reply(self, pending: PendingRequest, state: State, cause: Cause, fault_source: str, standing: Latch) -> None:
+    def reply(self, pending: PendingRequest, state: State, cause: Cause, fault_source: str, latched: Latch) -> None:
         """Answers a request from a socket. Senders through the ring read the row instead."""
         if pending.end is None or not pending.senders:
             return
         done = pending.answer is Answer.DONE
         content = {"ok": done, "state": state.name.lower(), "cause": cause.name.lower(), "fault_source": fault_source}
-        content["latches"] = latches.names(standing)
+        content["latches"] = latches.names(latched)
         if not done:
             content["error"] = _ANSWERS.get(pending.answer, "refused")
         for sender in pending.senders:

@@ -170,7 +170,7 @@ def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "", client: boo
 class Bench:
     """A whole loop on a clock of the test's own; `script` is called before each cycle with its number."""
 
-    def __init__(self, folder: Path, automatic: bool = True, standing: Latch = NONE, **options: Any) -> None:
+    def __init__(self, folder: Path, automatic: bool = True, latched: Latch = NONE, **options: Any) -> None:
         graph = self.graph = wired(**options)
         self.events: list[str] = []
         devices = [
@@ -187,8 +187,8 @@ class Bench:
         limits = limits_of(graph)
         meta = graph.layout.meta
         meta["limits"] = {n: _plain(v) for n, v in limits.items()}
-        meta["automatic"], meta["latches"] = automatic, names(standing)
-        self.cycle = Cycle(graph, limits, automatic, standing, report=self.events.append)
+        meta["automatic"], meta["latches"] = automatic, names(latched)
+        self.cycle = Cycle(graph, limits, automatic, latched, report=self.events.append)
         self.states: list[tuple[State, Cause]] = []
         bench = self
 

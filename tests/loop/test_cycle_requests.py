@@ -51,13 +51,13 @@ def _request(kind: RequestKind, s: dict[str, Any]) -> Request | None:
     return Request(0, kind, target, 0, np.empty(0), s["origin"]) if kind else None
 
 
-def _cycles(steps: list[dict[str, Any]], automatic: bool, standing: Latch) -> Any:
+def _cycles(steps: list[dict[str, Any]], automatic: bool, latched: Latch) -> Any:
     """Runs them; yields what each cycle began with and ended with."""
     graph = wired(
         emergency="{signal: panel.buttons, element: first, category: retract}",
         more="reset: {inputs: [{signal: panel.buttons, element: third}], bus: [bus, fault]}",
     )
-    cycle = Cycle(graph, limits_of(graph), automatic, standing)
+    cycle = Cycle(graph, limits_of(graph), automatic, latched)
     ints, views = graph.row.ints, graph.row.views
     devices = dict(zip(graph.layout.devices, graph.row.devices, strict=True))
     applied, measured, sent = views["arm.command.applied"], views["arm.position"], views["arm.command.sent"]
@@ -96,15 +96,15 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool, standing: Latch) -> An
                 return
 
 
-standing = st.sampled_from([NONE, NONE, Latch.PERSON, Latch.BUS, Latch.RESTART | Latch.BUS])
+latched = st.sampled_from([NONE, NONE, Latch.PERSON, Latch.BUS, Latch.RESTART | Latch.BUS])
 
 
 @settings(max_examples=150, deadline=None)
-@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans(), standing=standing)
+@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans(), latched=latched)
 def test_no_order_of_events_steps_or_moves_unasked(
-    steps: list[dict[str, Any]], automatic: bool, standing: Latch
+    steps: list[dict[str, Any]], automatic: bool, latched: Latch
 ) -> None:
-    for c in _cycles(steps, automatic, standing):
+    for c in _cycles(steps, automatic, latched):
         assert np.isfinite(c.applied).all()
         assert (np.abs(c.applied) <= 2 + 1e-9).all()
         assert (np.abs(c.applied - c.before) <= SPEED * c.dt * (1 + 1e-6) + 1e-9).all()
@@ -117,12 +117,12 @@ def test_no_order_of_events_steps_or_moves_unasked(
 
 
 @settings(max_examples=150, deadline=None)
-@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans(), standing=standing)
+@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans(), latched=latched)
 def test_no_order_of_events_ends_a_stop_that_its_origin_may_not_end(
-    steps: list[dict[str, Any]], automatic: bool, standing: Latch
+    steps: list[dict[str, Any]], automatic: bool, latched: Latch
 ) -> None:
     released = False  # whether the reset input was seen released
-    for c in _cycles(steps, automatic, standing):
+    for c in _cycles(steps, automatic, latched):
         kind, origin = c.asked
         assert not (c.latches and c.state in (State.HOMING, State.ACTIVE))
         assert c.state is not State.READY or c.latches in (NONE, Latch.START)

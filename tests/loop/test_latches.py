@@ -54,7 +54,7 @@ def assert_replays(b: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["local stop", "e-stop", "fault", "restart"])
 def test_for_a_minute_no_client_at_full_speed_moves_the_limb(tmp_path: Path, what: str) -> None:
-    b = Bench(tmp_path, standing=Latch.RESTART if what == "restart" else NONE)
+    b = Bench(tmp_path, latched=Latch.RESTART if what == "restart" else NONE)
 
     def script(k: int) -> None:
         if k == 50 and what == "local stop":
@@ -128,7 +128,7 @@ def test_the_profile_says_whether_the_bus_may_end_a_faults_stop(tmp_path: Path, 
 
 
 def test_a_local_reset_releases_every_latch(tmp_path: Path) -> None:
-    b = Bench(tmp_path, standing=Latch.RESTART | Latch.PERSON | Latch.BUS)
+    b = Bench(tmp_path, latched=Latch.RESTART | Latch.PERSON | Latch.BUS)
     b.run(60, lambda k: b.ask("reset") if k == 20 else None)
     assert states(b)[19] is State.STOPPED
     assert states(b)[-1] is State.ACTIVE
@@ -138,7 +138,7 @@ def test_a_local_reset_releases_every_latch(tmp_path: Path) -> None:
 
 def test_an_actuator_whose_power_is_cut_during_a_clients_stop_latches(tmp_path: Path) -> None:
     """A hardware stop that a person presses while a client has stopped the limb: its release moves nothing."""
-    b = Bench(tmp_path, emergency="", standing=Latch.BUS)
+    b = Bench(tmp_path, emergency="", latched=Latch.BUS)
     client = RequestWriter(b.run_folder.requests)
 
     def script(k: int) -> None:
@@ -154,7 +154,7 @@ def test_an_actuator_whose_power_is_cut_during_a_clients_stop_latches(tmp_path: 
 
 def test_a_reset_that_waits_while_an_emergency_comes_and_goes_is_refused(tmp_path: Path) -> None:
     """One request is taken in a cycle: what waited behind others came before the person pressed."""
-    b = Bench(tmp_path, emergency="{signal: panel.buttons, element: second}", standing=Latch.PERSON)
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, element: second}", latched=Latch.PERSON)
 
     def script(k: int) -> None:
         b.panel.values["buttons"][1] = k == 50
@@ -207,7 +207,7 @@ def test_after_a_reset_the_limb_waits_for_a_new_setpoint(tmp_path: Path) -> None
 
 
 def test_requests_replay_with_their_origins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    b = Bench(tmp_path, standing=Latch.RESTART)
+    b = Bench(tmp_path, latched=Latch.RESTART)
     client = RequestWriter(b.run_folder.requests)
 
     def script(k: int) -> None:

@@ -16,8 +16,8 @@ from srl.runtime.profile.profile import EmergencyInput, Faults
 EMERGENCY = [EmergencyInput(signal="panel.buttons", category=Stop.LIMP)]
 
 
-def machine(automatic: bool = True, standing: Latch = latches.NONE, **faults: object) -> Machine:
-    return Machine(Faults.model_validate(faults), EMERGENCY, automatic, standing)
+def machine(automatic: bool = True, latched: Latch = latches.NONE, **faults: object) -> Machine:
+    return Machine(Faults.model_validate(faults), EMERGENCY, automatic, latched)
 
 
 def active() -> Machine:
@@ -61,7 +61,7 @@ def test_the_first_start_is_a_persons_unless_the_profile_grants_it(granted: bool
 
 
 def test_a_run_after_a_crash_begins_in_the_stop() -> None:
-    m = machine(standing=Latch.RESTART)
+    m = machine(latched=Latch.RESTART)
     m.start_if_ready(None)
     assert (m.state, m.cause) == (State.STOPPED, Cause.RESTART)
     assert m.request(RequestKind.RESET, Origin.LOCAL, 0, None) is Answer.DONE

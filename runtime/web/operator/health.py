@@ -48,7 +48,7 @@ REMEDIES: Final = {
     Cause.FOLLOWING_ERROR: "See what holds the limb, or whether its load is too heavy. Then reset.",
     Cause.END: "Begin a new run.",
 }
-STANDING: Final = {
+LATCHED: Final = {
     "person": "a person stopped it",
     "bus": "a client of the bus stopped it",
     "emergency": "an emergency input stopped it",
@@ -76,11 +76,11 @@ def state(layout: Layout, row: Words) -> dict[str, str]:
         todo = _READY
     elif stopped and cause is not Cause.NONE:
         todo = REMEDIES[cause].format(who=who or "it")
-    standing = [STANDING[name] for name in latches.names(int(row[CYCLE.latches]))]
+    latched = [LATCHED[name] for name in latches.names(int(row[CYCLE.latches]))]
     means = STATES if layout.meta.get("commands") != {} else STATES | MEASURES
     return {
         "now": now.name.lower(), "means": means[now], "why": why[:1].upper() + why[1:],
-        "stands": "; ".join(standing), "todo": todo,
+        "stands": "; ".join(latched), "todo": todo,
     }  # fmt: skip
 
 

@@ -12,15 +12,15 @@ from typing import Final
 PAUSE: Final = 20_000_000  # ns without a frame for it, after which a CubeMars may have let go
 
 
-class Doubt:
+class SilentRelease:
     """Since when a motor may have let go, and where it stood then.
 
     Attributes:
-        moved: rad of the shaft by which it was found elsewhere when its doubt ended; None if it wasn't.
+        moved: rad of the shaft by which it was found elsewhere afterwards; None if it wasn't.
     """
 
     def __init__(self) -> None:
-        self._since = -1  # ns; -1: no doubt
+        self._since = -1  # ns; -1: it has not
         self._stood = 0.0  # as the drive says it
         self.moved: float | None = None
 
@@ -28,18 +28,18 @@ class Doubt:
         """It gets no commands any more."""
         self._since, self.moved = -1, None
 
-    def look(self, now: int, left: int, heard: int, silent: bool, position: float, most: float) -> bool:
+    def look(self, now: int, transmitted: int, heard: int, silent: bool, position: float, most: float) -> bool:
         """Whether the motor is to be damped.
 
         Args:
             now: ns of this cycle.
-            left: ns of the newest frame for it that left.
+            transmitted: ns of the newest frame transmitted to it.
             heard: ns of its newest reply.
             silent: it has been silent for too long.
             position: rad, what it said last.
             most: rad by which it may be elsewhere and go on; beyond, `moved` says it.
         """
-        if self._since < 0 and (silent or now - left > PAUSE):
+        if self._since < 0 and (silent or now - transmitted > PAUSE):
             self._since, self._stood = now, position
         if self._since < 0:
             return False
