@@ -119,7 +119,7 @@ def test_the_machine_ends_the_stops_that_the_safety_page_says(latch: Latch, orig
     column = Origin.BUS if origin in CLIENTS else origin  # a role in the network is a client like any other
     output = row.split(" | ")[1 + column].strip("| ")
     for granted in (latches.NONE, latches.GRANTED, latches.GRANTABLE):
-        machine = Machine(profile.Faults(), (), automatic=True, standing=latch, granted=granted)
+        machine = Machine(profile.Faults(), (), automatic=True, latched=latch, granted=granted)
         done = machine.request(RequestKind.RESET, origin, 0, None) is Answer.DONE
         expected = output == "yes" or (output != "no" and bool(latch & granted))
         assert done == expected, (output, granted)

@@ -12,12 +12,12 @@ from typing import Final
 
 from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import WATCHDOG, Family, family
+from srl.drivers.dynamixel.faults import DynamixelFaults
 from srl.drivers.dynamixel.recovery import Recovery
 from srl.drivers.dynamixel.session import Session, who
 from srl.drivers.dynamixel.setup import Bus, set_up, watchdog_code
 from srl.drivers.servo_bus import declare
 from srl.drivers.servo_bus.driver import ServoBus
-from srl.drivers.servo_bus.faults import Faults
 from srl.drivers.servo_bus.goals import Goals
 from srl.drivers.servo_bus.line import Line, Request
 from srl.drivers.transport import open_transport
@@ -41,12 +41,13 @@ class Dynamixel(ServoBus):
     takes: tuple[str, ...] = declare.COMMANDS
     config: DynamixelConfig
     _units: Family
+    _faults: DynamixelFaults
     _bus: Bus | None
 
     def __init__(self, name: str, config: DynamixelConfig) -> None:
         units = family(config)
         command = _command(config, units.unit.tolist())
-        super().__init__(name, config, units, Faults(tuple(config.motors)), command)
+        super().__init__(name, config, units, DynamixelFaults(tuple(config.motors)), command)
         self._kind = command.kind
         self._suspect_after = round(_SUSPECT * config.watchdog * 1e9)
         self._arm = b""

@@ -7,8 +7,8 @@ from typing import Final
 
 from srl.drivers.dynamixel import protocol2
 from srl.drivers.dynamixel.family import Family
+from srl.drivers.dynamixel.faults import DynamixelFaults
 from srl.drivers.dynamixel.setup import watchdog_code
-from srl.drivers.servo_bus.faults import Faults
 from srl.drivers.servo_bus.line import Request
 from srl.drivers.servo_bus.register import Register
 
@@ -25,7 +25,7 @@ class Recovery:
         away: ids of the servos that can't be sampled now.
     """
 
-    def __init__(self, family: Family, faults: Faults, reboot: set[int], now: int) -> None:
+    def __init__(self, family: Family, faults: DynamixelFaults, reboot: set[int], now: int) -> None:
         """
         Args:
             reboot: numbers of the motors to restart; those in `faults.limp` are only set up again.

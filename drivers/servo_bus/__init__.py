@@ -1,1 +1,1 @@
-"""What buses of serial servos share, whatever their maker: the line, requests, goals, faults, units."""
+"""What buses of serial servos share that have registers, status packets and 4096 counts a turn: Dynamixel, Feetech."""

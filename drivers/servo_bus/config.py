@@ -1,4 +1,4 @@
-"""An axis of a bus of servos in the profile."""
+"""Options of a bus of servos and of its axes in the profile."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def sliding(axes: Mapping[str, AxisConfig]) -> tuple[str, ...]:
 
 
 def command_of(axes: Mapping[str, AxisConfig], name: str, unit: Sequence[float], timeout: float | None) -> Command:
-    """The command with this name, one of COMMANDS, (n,); `unit` as above."""
+    """The command with this name, one of COMMANDS, (n,); `unit` (n,): of the goal's register, in the command's unit."""
     kind = KINDS[name]
     homed = all(axis.home is not None for axis in axes.values())
     return Command(

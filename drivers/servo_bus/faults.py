@@ -5,18 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from srl.drivers.servo_bus import protocol1
 from srl.drivers.servo_bus.config import AxisConfig
-
-ERRORS2: Final = {
-    0: "input voltage",
-    2: "overheating",
-    3: "encoder",
-    4: "electrical shock",
-    5: "overload",
-}  # bits of the hardware error status (sheet, §4)
-ERRORS1: Final = {0: "input voltage", 2: "overheating", 5: "overload"}
-_SERIOUS1: Final = protocol1.HEAT | protocol1.OVERLOAD  # after these the torque limit falls to 0
 
 LOST_TORQUE: Final = "lost its torque (its power dipped, or another program switched it off)"
 FAR: Final = "is too far from its first command"
@@ -49,17 +38,6 @@ class Faults:
     def concerns(self, i: int) -> bool:
         """Returns whether motor `i` must stay without torque."""
         return i in self.errors or i in self.limp or i in self.far or i in self.stubborn
-
-    def hardware(self, i: int, bits: int, protocol: int) -> None:
-        """Takes a motor's error bits."""
-        words = ERRORS2 if protocol == 2 else ERRORS1
-        if protocol == 1 and not bits & _SERIOUS1:
-            bits = 0
-        named = [text for bit, text in words.items() if bits >> bit & 1]
-        if bits and not named:
-            named = [f"error {bits:#04x}"]
-        if named:
-            self.errors[i] = ", ".join(named)
 
     def text(self) -> str:
         """Returns all faults as text for the user; "" if there is none."""

@@ -20,10 +20,10 @@ class Goals:
         newest: the newest goals that were sent, as packets; empty before the first.
     """
 
-    def __init__(self, family: Units, faults: Faults, kind: Kind) -> None:
+    def __init__(self, units: Units, faults: Faults, kind: Kind) -> None:
         """`kind`: what the goals are."""
-        config = family.config
-        self._family, self._faults, self._kind = family, faults, kind
+        config = units.config
+        self._units, self._faults, self._kind = units, faults, kind
         self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in config.motors.values()])
         self.powered = [False] * len(config.motors)
         self.newest = b""
@@ -40,23 +40,23 @@ class Goals:
         """
         if not (self.newest or np.isfinite(command).all()):
             return b"", []
-        goals = self._family.encode(command)
+        goals = self._units.encode(command)
         if all(self.powered):
             return goals, []
         waking = self._waking(command, position, away)
         powered = np.array(self.powered)
         powered[waking] = True
-        goals = self._family.again(powered) if powered.any() else b""
+        goals = self._units.again(powered) if powered.any() else b""
         if waking:
-            goals += self._family.frame("torque_enable", 1, [self._family.ids[i] for i in waking])
+            goals += self._units.frame("torque_enable", 1, [self._units.ids[i] for i in waking])
         return goals, waking
 
     def _waking(self, command: Array, position: Array, away: set[int]) -> list[int]:
         """Returns the motors that may get torque now."""
         # A non-finite value counts as too far. The bounded goal counts: beyond its limits a servo would jump to them.
-        near = np.abs(self._family.bounded(command) - position) <= self._tolerance
+        near = np.abs(self._units.bounded(command) - position) <= self._tolerance
         waking = []
-        for i, id in enumerate(self._family.ids):
+        for i, id in enumerate(self._units.ids):
             if self.powered[i] or self._faults.concerns(i) or id in away:
                 continue
             if near[i] or self._kind is not Kind.POSITION:
@@ -70,4 +70,4 @@ class Goals:
         for i in waking:
             self.powered[i] = True
         self.newest = goals
-        np.copyto(sent, self._family.bounded(command), where=np.array(self.powered) & np.isfinite(command))
+        np.copyto(sent, self._units.bounded(command), where=np.array(self.powered) & np.isfinite(command))

@@ -11,7 +11,7 @@ PER_COUNT: Final = 2 * pi / COUNTS  # rad
 
 
 class Nominal(Protocol):
-    """The nominal values of any bus servo at 12 V; see `Model`."""
+    """The nominal values of any bus servo at 12 V: N m, A, rad/s, kg, N m/A."""
 
     @property
     def name(self) -> str: ...

@@ -13,16 +13,16 @@ SLOW: Final = 100_000_000  # ns between requests for anything but samples
 class Plan:
     """Chooses requests: "sample", "extra" (a sample with temperature and voltage), "check", "watchdog"."""
 
-    def __init__(self, family: Units) -> None:
-        self._family = family
-        asked = {"sample": family.sample, "extra": family.extra, "check": family.check}
+    def __init__(self, units: Units) -> None:
+        self._units = units
+        asked = {"sample": units.sample, "extra": units.extra, "check": units.check}
         self._rotation = ["check"]
-        watchdog = family.tables[0].get("bus_watchdog")
+        watchdog = units.tables[0].get("bus_watchdog")
         if watchdog is not None:
             asked["watchdog"] = (watchdog.address, watchdog.size)
             self._rotation = ["check", "watchdog", "check", "extra"]
         self._asked = {
-            what: (family.wire.group_read(address, size, family.ids), address, size)
+            what: (units.wire.group_read(address, size, units.ids), address, size)
             for what, (address, size) in asked.items()
         }
         self._next_slow, self._turn = 0, -2  # the first request is "extra"
@@ -43,6 +43,6 @@ class Plan:
         """Like `next`, for a given kind of request."""
         frame, address, size = self._asked[what]
         if not away:
-            return Request(frame, self._family.ids, size, what)
-        ids = tuple(id for id in self._family.ids if id not in away)
-        return Request(self._family.wire.group_read(address, size, ids), ids, size, what) if ids else None
+            return Request(frame, self._units.ids, size, what)
+        ids = tuple(id for id in self._units.ids if id not in away)
+        return Request(self._units.wire.group_read(address, size, ids), ids, size, what) if ids else None

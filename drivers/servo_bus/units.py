@@ -20,7 +20,7 @@ from srl.runtime.contracts.signals import Array
 
 
 class Parser(Protocol):
-    """The interface of both protocols' parsers."""
+    """The interface of the protocols' parsers."""
 
     frames: int
     errors: int
@@ -33,7 +33,7 @@ class Parser(Protocol):
 
 
 class Wire(Protocol):
-    """The interface of both protocols' modules."""
+    """The interface of the protocols' modules."""
 
     PING_SIZE: int
     OVERHEAD: int

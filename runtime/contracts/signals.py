@@ -96,13 +96,13 @@ class Kind(StrEnum):
 
 
 class Stop(StrEnum):
-    """Stop categories of an actuator."""
+    """Stop categories of an actuator. Rows hold a category's number, so a new one goes to the end."""
 
     HOLD = "hold"  # stay at the last command, braking within limits
     DAMP = "damp"  # oppose motion, yield to force
     LIMP = "limp"  # no torque (with gravity compensation where the device offers it)
     RETRACT = "retract"  # go to the rest configuration slowly
-    BRAKE = "brake"  # ramp the velocity to zero, then the device's own brake
+    BRAKE = "brake"  # ramp the velocity to zero; the device may then brake by itself
 
 
 @dataclass(frozen=True, kw_only=True)

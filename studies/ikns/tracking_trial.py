@@ -13,9 +13,9 @@ from typing import Any, Final, cast
 import numpy as np
 
 from srl.commissioning.calibration import profile_subset
-from srl.commissioning.calibration import result as results
-from srl.commissioning.calibration.channel_map import ChannelMap, channel_map
 from srl.commissioning.calibration.guide import Guide, QuitError
+from srl.commissioning.calibration.ikns import result as results
+from srl.commissioning.calibration.ikns.channel_map import ChannelMap, channel_map
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import LOOK, Simulated

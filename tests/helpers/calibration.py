@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from srl.commissioning.calibration.channel_map import ChannelMap, channel_map
+from srl.commissioning.calibration.ikns.channel_map import ChannelMap, channel_map
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.steps import Kind, Step
 from srl.commissioning.calibration.profile_subset import build, cut

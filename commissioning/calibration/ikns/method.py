@@ -10,17 +10,17 @@ from types import ModuleType
 from typing import Any, ClassVar, get_args
 
 from srl.commissioning.calibration import profile_subset
-from srl.commissioning.calibration import report as ikns_report
-from srl.commissioning.calibration import result as results
-from srl.commissioning.calibration.channel_map import ChannelMap, channel_map
-from srl.commissioning.calibration.direction import Directions
 from srl.commissioning.calibration.ikns import marks
+from srl.commissioning.calibration.ikns import report as ikns_report
+from srl.commissioning.calibration.ikns import result as results
+from srl.commissioning.calibration.ikns.channel_map import ChannelMap, channel_map
+from srl.commissioning.calibration.ikns.direction import Directions
 from srl.commissioning.calibration.ikns.marks import MarksConfig
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
+from srl.commissioning.calibration.ikns.result import Result
 from srl.commissioning.calibration.ikns.samples import Samples, ended, joined, seen, stretch
 from srl.commissioning.calibration.method import Method, Say, kept, named, names, settings
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.result import Result
 from srl.control.ikns import record
 from srl.control.ikns.calibration import CalibrationError, Thresholds
 from srl.runtime.contracts.errors import RequestError, nearest

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -11,16 +10,17 @@ from pydantic import AfterValidator, Field
 from srl.drivers.dynamixel import Dynamixel
 from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import Family, Family2, family
+from srl.drivers.dynamixel.faults import DynamixelFaults
 from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
-from srl.drivers.servo_bus.config import AxisConfig
-from srl.drivers.servo_bus.faults import BEYOND, FAR, Faults
-from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
+from srl.drivers.servo_bus.faults import BEYOND, FAR
+from srl.runtime.contracts.errors import DeviceLostError, WiringError
 from srl.runtime.contracts.signals import Array, Kind, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.servo_chain import numbers
 from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
-from srl.sim.parts.dynamixel.chain import DynamixelChain, ServoChain
-from srl.sim.parts.dynamixel.motors import Motors
+from srl.sim.parts.dynamixel.chain import DynamixelChain
+from srl.sim.parts.servo_bus.motors import Motors
 from srl.sim.world.cell import Cell
 
 REBOOT: Final = 300_000_000  # ns that a servo takes to reboot
@@ -69,7 +69,7 @@ class FakeDynamixel(Fake):
         self._fresh = [self._memory(i) for i in range(len(config.motors))]
         self._noise = SampleNoise(world.seed, name, len(self.numbers), options.noise)
         self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in config.motors.values()])
-        self._faults = Faults(tuple(config.motors))
+        self._faults = DynamixelFaults(tuple(config.motors))
         self._sample: tuple[int, Array] | None = None  # (time of the sample, its values (5, n))
         self._sampled = self._wrote = False
         self._back_at: dict[int, int] = {}  # world time, ns, at which each rebooting motor is back
@@ -267,28 +267,3 @@ class FakeDynamixel(Fake):
             raise DeviceLostError(
                 self.name, "the simulated bus is gone", "It comes back at the end of its 'loss' window"
             )
-
-
-def numbers(chain: ServoChain[Any], motors: Mapping[str, AxisConfig], name: str) -> tuple[int, ...]:
-    """For each motor of the bus, the number of the chain's axis with its name; both must have the same construction."""
-    found = []
-    for axis, motor in motors.items():
-        if axis not in chain.names:
-            raise WiringError(
-                f"sim.devices.{name}", f"the chain '{chain.name}' has no axis '{axis}'", nearest(axis, chain.names)
-            )
-        i = chain.names.index(axis)
-        if chain.models[i].name != motor.model:
-            raise WiringError(
-                f"sim.parts.{chain.name}.axes.{axis}.model",
-                f"it is an {chain.models[i].name}, devices.{name} says {motor.model}",
-                "Make them agree",
-            )
-        if not np.isclose(abs(chain.scale[i]), abs(motor.scale)):
-            raise WiringError(
-                f"sim.parts.{chain.name}.axes.{axis}.m_per_rad",
-                f"it moves {abs(chain.scale[i]):g} a radian, devices.{name} says {abs(motor.scale):g}",
-                "Make them agree",
-            )
-        found.append(i)
-    return tuple(found)

@@ -11,10 +11,10 @@ from srl.drivers.dynamixel.table import baud_code, baudrate
 from srl.drivers.servo_bus import protocol1
 from srl.drivers.servo_bus.packets import BROADCAST, Instruction
 from srl.sim.devices.dynamixel.fake import REBOOT, FakeDynamixel
-from srl.sim.devices.dynamixel.twin_line import ServoLine
 from srl.sim.devices.dynamixel.twin_registers import Registers
 from srl.sim.devices.dynamixel.twin_servo1 import Servo1
 from srl.sim.devices.dynamixel.twin_servo2 import Servo2
+from srl.sim.devices.shared.servo_line import ServoLine
 
 _KEPT: Final[dict[bytes, tuple[str, ...]]] = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}
 

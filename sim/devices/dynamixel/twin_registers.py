@@ -11,7 +11,7 @@ from srl.drivers.dynamixel.models import Model
 from srl.drivers.dynamixel.table import POSITION, table
 from srl.drivers.servo_bus.models import CENTRE
 from srl.drivers.servo_bus.register import Register
-from srl.sim.parts.dynamixel.motors import Motors
+from srl.sim.parts.servo_bus.motors import Motors
 
 
 class Registers(ABC):

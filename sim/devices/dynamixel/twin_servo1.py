@@ -11,7 +11,7 @@ from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY
 from srl.drivers.servo_bus import protocol1
 from srl.drivers.servo_bus.models import CENTRE
 from srl.sim.devices.dynamixel.twin_registers import REVERSE, Registers, whole
-from srl.sim.parts.dynamixel.motors import HEAT_BIT, OVERLOAD_BIT, VOLTAGE_BIT
+from srl.sim.parts.servo_bus.motors import HEAT_BIT, OVERLOAD_BIT, VOLTAGE_BIT
 
 FULL_PWM: Final = 1023
 _ACCELERATION: Final = np.radians(8.583)  # rad/s^2 per unit

@@ -17,11 +17,11 @@ from srl.drivers.servo_bus.models import PER_COUNT
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.dynamixel.fake import numbers
 from srl.sim.devices.shared.noise import SampleNoise
+from srl.sim.devices.shared.servo_chain import numbers
 from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
-from srl.sim.parts.dynamixel.motors import EXTENDED, POSITION, Motors
 from srl.sim.parts.feetech.chain import FeetechChain
+from srl.sim.parts.servo_bus.motors import EXTENDED, POSITION, Motors
 
 _COMMAND = "position_command"
 _ERRORS = 0x2F  # the bits of a servo's errors that this bus has

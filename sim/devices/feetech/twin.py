@@ -8,9 +8,9 @@ from srl.drivers.feetech import protocol
 from srl.drivers.feetech.table import BAUDS
 from srl.drivers.feetech.units import RETURN_DELAY
 from srl.drivers.servo_bus.packets import Instruction
-from srl.sim.devices.dynamixel.twin_line import ServoLine
 from srl.sim.devices.feetech.fake import FakeFeetech
 from srl.sim.devices.feetech.twin_servo import Servo
+from srl.sim.devices.shared.servo_line import ServoLine
 
 POWER_UP: Final = 300_000_000  # ns from power to the first answer
 _NAMES: Final = {

@@ -13,8 +13,8 @@ from srl.drivers.feetech.models import Model
 from srl.drivers.feetech.table import END, SEVERAL_TURNS, TABLE, Word
 from srl.drivers.feetech.units import CURRENT, VOLT
 from srl.drivers.servo_bus.models import COUNTS, PER_COUNT
-from srl.sim.parts.dynamixel.motors import EXTENDED, OVERLOAD_BIT, VELOCITY
 from srl.sim.parts.feetech.motors import GAIN, FeetechMotors
+from srl.sim.parts.servo_bus.motors import EXTENDED, OVERLOAD_BIT, VELOCITY
 
 CENTRE_HERE: Final = 128  # written to the torque enable: the present position becomes 2048
 _ACCELERATION: Final = 100 * PER_COUNT  # rad/s^2 per unit

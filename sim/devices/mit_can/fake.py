@@ -14,9 +14,9 @@ from srl.drivers.mit_can.config import MitCanConfig
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.dynamixel.fake import numbers
 from srl.sim.devices.mit_can.drives import Drives
 from srl.sim.devices.shared.memory_can import MemoryCan
+from srl.sim.devices.shared.servo_chain import numbers
 from srl.sim.devices.shared.windows import Windows, inside, require_cell, rising
 from srl.sim.parts.actuators.chain import ActuatorChain
 

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from srl.runtime.contracts.errors import OptionError, nearest
 from srl.sim.parts.actuators.models import MODELS, ActuatorModel
 from srl.sim.parts.actuators.motors import ActuatorMotors, IdealMotors
-from srl.sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
+from srl.sim.parts.servo_bus.chain import ServoAxis, ServoChain, ServoChainConfig
 from srl.sim.world.part import PartConfig
 
 

@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from srl.drivers.feetech.models import MODELS
-from srl.sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
 from srl.sim.parts.feetech.motors import FeetechMotors
+from srl.sim.parts.servo_bus.chain import ServoAxis, ServoChain, ServoChainConfig
 from srl.sim.world.part import PartConfig
 
 

@@ -7,7 +7,7 @@ comes after the protection time (10 ms a unit) above the overload torque; it end
 from __future__ import annotations
 
 from srl.drivers.feetech.table import TABLE
-from srl.sim.parts.dynamixel.motors import HEAT_BIT, OVERLOAD_BIT, Motors
+from srl.sim.parts.servo_bus.motors import HEAT_BIT, OVERLOAD_BIT, Motors
 
 GAIN: float = 850 / 128 / 885 / 32  # share of full voltage per count, for each unit of P
 

@@ -12,14 +12,14 @@ import pytest
 from helpers.calibration import FEW, QUICK, Actor, Person
 from helpers.recording import make_layout
 
-from srl.commissioning.calibration import report
-from srl.commissioning.calibration.channel_map import channel_map
 from srl.commissioning.calibration.guide import Guide, QuitError
+from srl.commissioning.calibration.ikns import report
+from srl.commissioning.calibration.ikns.channel_map import channel_map
 from srl.commissioning.calibration.ikns.marks import mark_of
 from srl.commissioning.calibration.ikns.procedure import Procedure
+from srl.commissioning.calibration.ikns.result import Result, compute, write
 from srl.commissioning.calibration.ikns.samples import joined, stretch, trials
 from srl.commissioning.calibration.ikns.steps import Kind, View
-from srl.commissioning.calibration.result import Result, compute, write
 from srl.commissioning.calibration.screen import Plain, Screen
 from srl.commissioning.calibration.sources import RowFile, Rows, recorded
 from srl.control.ikns import record

@@ -14,12 +14,12 @@ from helpers.calibration import PROFILE, Actor
 from helpers.run import environment, srl
 from helpers.wait import until
 
-from srl.commissioning.calibration.channel_map import channel_map
 from srl.commissioning.calibration.guide import Guide
+from srl.commissioning.calibration.ikns.channel_map import channel_map
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
+from srl.commissioning.calibration.ikns.result import compute, write
 from srl.commissioning.calibration.live import Live
 from srl.commissioning.calibration.profile_subset import build, cut
-from srl.commissioning.calibration.result import compute, write
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import Rows, RowSource, recorded
 from srl.control.ikns.calibration import Thresholds

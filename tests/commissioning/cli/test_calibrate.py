@@ -15,7 +15,8 @@ from helpers.edited import edited
 from helpers.run import call, ended, environment, srl, summary
 from helpers.wait import until
 
-from srl.commissioning.calibration import method, report
+from srl.commissioning.calibration import method
+from srl.commissioning.calibration.ikns import report
 from srl.commissioning.calibration.ikns.procedure import Procedure
 from srl.commissioning.calibration.ikns.steps import Kind
 from srl.commissioning.calibration.sources import RowFile

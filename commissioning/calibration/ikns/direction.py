@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from srl.commissioning.calibration.ikns.marks import MarksConfig
-from srl.commissioning.calibration.result import Result
+from srl.commissioning.calibration.ikns.result import Result
 from srl.control.ikns import record
 from srl.control.ikns.record import Record
 from srl.runtime.contracts.errors import RequestError

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srl.commissioning.calibration.channel_map import ChannelMap
+from srl.commissioning.calibration.ikns.channel_map import ChannelMap
 from srl.commissioning.calibration.ikns.samples import Samples, joined, trials, whole
 from srl.commissioning.calibration.target import write_record
 from srl.control.ikns import record

@@ -13,8 +13,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from srl.commissioning.calibration.ikns.result import Result
 from srl.commissioning.calibration.picture import save
-from srl.commissioning.calibration.result import Result
 from srl.runtime.contracts.signals import Array
 
 _COLORS = ("#0072B2", "#E69F00", "#009E73")  # Okabe and Ito's, one a DoF
