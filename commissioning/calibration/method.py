@@ -48,7 +48,7 @@ class Method(ABC, Generic[T, R]):
         name: what `srl calibrate PROFILE` calls it; by default that of the law.
         law: the law that uses the file.
         option: of the law, that names the file.
-        kind: what the file holds.
+        record_type: what the file holds.
         error: what `compute` raises where nothing can be computed.
         next: the keys at the end, besides those that every method has.
         thing: what `--redo` counts.
@@ -59,7 +59,7 @@ class Method(ABC, Generic[T, R]):
     name: ClassVar[str] = ""
     law: ClassVar[str]
     option: ClassVar[str]
-    kind: ClassVar[type[BaseModel]]
+    record_type: ClassVar[type[BaseModel]]
     error: ClassVar[type[SrlError]]
     next: ClassVar[str] = ""
     thing: ClassVar[str]
@@ -69,12 +69,12 @@ class Method(ABC, Generic[T, R]):
     def __init_subclass__(cls) -> None:
         cls.name = cls.name or cls.law
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         """Reads what the command line says. Raises RequestError."""
-        self.order, self.checked, self.source, self.target, self.say = order, checked, source, target, say
+        self.request, self.checked, self.source, self.target, self.say = request, checked, source, target, say
 
     @classmethod
-    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
+    def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         """The file that the profile names, if it names one. Raises ProfileError."""
         return named(checked, source, cls)
 
@@ -84,11 +84,11 @@ class Method(ABC, Generic[T, R]):
 
     def simulated(self, made: Profile, text: Source) -> RowSource:
         """Where its rows come from with `--sim`. Raises SrlError."""
-        return Simulated(made, text, self.channel_map, self.say, self.order.record)
+        return Simulated(made, text, self.channel_map, self.say, self.request.record)
 
     def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
         """Where they come from live; `name`: the instance's. Raises SrlError: it doesn't start."""
-        return Live(text, self.channel_map, name, record, self.order.view, self.say)
+        return Live(text, self.channel_map, name, record, self.request.view, self.say)
 
     @abstractmethod
     def channel_map(self, layout: Layout, place: str) -> T:
@@ -145,18 +145,18 @@ class Method(ABC, Generic[T, R]):
 
 
 def settings(
-    order: CalibrationRequest, kinds: Mapping[str, type[BaseModel]], given: Sequence[str] = ()
+    request: CalibrationRequest, kinds: Mapping[str, type[BaseModel]], given: Sequence[str] = ()
 ) -> dict[str, Any]:
     """Groups of options by name, with what `--option KEY=VALUE` says. Raises RequestError.
 
     Args:
-        order: has `option`.
+        request: has `option`.
         kinds: the groups.
         given: further `KEY=VALUE`.
     """
     values: dict[str, dict[str, Any]] = {name: {} for name in kinds}
     known = {key: name for name, kind in kinds.items() for key in kind.model_fields}
-    for text in (*order.option, *given):
+    for text in (*request.option, *given):
         key, equals, value = text.partition("=")
         if key not in known or not equals:
             raise RequestError(f"--option {text}", "there is no such option", nearest(key, known))

@@ -1,4 +1,4 @@
-"""What is ordered of `srl calibrate`. It loads nothing else, as every start of `srl` reads it."""
+"""What is asked of `srl calibrate`. It loads nothing else, as every start of `srl` reads it."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ METHODS: Final = {
     "servos": "servos.ServoMethod",
 }
 """The class of each kind of calibration, below `commissioning/calibration/`: its folder, and its name."""
-LAWS: Final = tuple(METHODS)
+KINDS: Final = tuple(METHODS)
 """What can be calibrated."""
 _IKNS: Final = {"only": "ikns"}
 
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """What is wanted; the options of `srl calibrate`. `only` in an option's metadata: the law whose alone it is."""
+    """What is wanted; the options of `srl calibrate`. `only` in an option's metadata: the kind whose alone it is."""
 
     profile: str
-    law: str = "ikns"
+    kind: str = "ikns"
     person: str | None = None
     out: Path | None = None
     yes: bool = False

@@ -39,7 +39,7 @@ Computed = Outcome | SrlError
 
 
 def method_of(law: str) -> type[Method[Any, Any]]:
-    """How one of `LAWS` is calibrated. Only its module is loaded: all of them take seconds."""
+    """How one of `KINDS` is calibrated. Only its module is loaded: all of them take seconds."""
     module, _, name = METHODS[law].partition(".")
     found: type[Method[Any, Any]] = getattr(
         importlib.import_module(f"srl.commissioning.calibration.{module}.method"), name
@@ -47,55 +47,55 @@ def method_of(law: str) -> type[Method[Any, Any]]:
     return found
 
 
-def run(order: CalibrationRequest, screen: Screen) -> int:
+def run(request: CalibrationRequest, screen: Screen) -> int:
     """Returns 0 once the file is written, 130 after Ctrl-C. Errors are raised: a refused calibration is one."""
-    kind = method_of(order.law)
-    for option in fields(order):
-        only = option.metadata.get("only", order.law)
-        if only != order.law and getattr(order, option.name):
+    kind = method_of(request.kind)
+    for option in fields(request):
+        only = option.metadata.get("only", request.kind)
+        if only != request.kind and getattr(request, option.name):
             remedy = f"Leave it out, or calibrate {only}"
-            raise RequestError(f"--{option.name}", f"it is of '{only}', not of '{order.law}'", remedy)
-    if order.person is not None and not kind.personal:
-        raise RequestError("--person", f"'{order.law}' is no person's", "Leave it out")
-    checked, source = profile.load(order.profile, order.set)
-    target = _target(order, checked, source, kind)
-    method = kind(order, checked, source, target, screen.say)
-    if order.recording:
-        channel_map, parts, date = _recorded(method, order.recording)
+            raise RequestError(f"--{option.name}", f"it is of '{only}', not of '{request.kind}'", remedy)
+    if request.person is not None and not kind.personal:
+        raise RequestError("--person", f"'{request.kind}' is no person's", "Leave it out")
+    checked, source = profile.load(request.profile, request.set)
+    target = _target(request, checked, source, kind)
+    method = kind(request, checked, source, target, screen.say)
+    if request.recording:
+        channel_map, parts, date = _recorded(method, request.recording)
         method.ready(channel_map)
         result = method.compute(channel_map, parts, date)
-        if not order.json:
+        if not request.json:
             print("\n".join(method.lines(result)))
         return _finish(method, result)
-    if order.person is None and kind.personal:
+    if request.person is None and kind.personal:
         raise RequestError("--person", "it isn't said whose calibration it is", "Give an anonymous id: --person P07")
     before: list[Samples] = []
-    if order.redo:
-        _, before, _ = _recorded(method, order.before or ())
-    elif order.before:
+    if request.redo:
+        _, before, _ = _recorded(method, request.before or ())
+    elif request.before:
         raise RequestError("--from", "it goes with --redo", f"Say which {method.thing}: --redo 3")
-    made, text = method.cut(order.person or "")
+    made, text = method.cut(request.person or "")
     procedure = method.procedure(before)
-    for number in order.redo or ():
+    for number in request.redo or ():
         if answer := procedure.redo(number):
             raise RequestError(f"--redo {number}", answer, "Name one of them")
-    if order.sim:
+    if request.sim:
         simulated = method.simulated(made, text)
         try:
             return _guided(method, simulated, procedure, before, screen)
         finally:
             simulated.close()
-    return _live(method, text, order.instance or checked.name, procedure, before, screen)
+    return _live(method, text, request.instance or checked.name, procedure, before, screen)
 
 
 def _live(
     method: Method[Any, Any], text: Source, name: str, procedure: Procedure, before: list[Samples], screen: Screen
 ) -> int:
     """Runs the cut profile, and ends it in any case; Ctrl-C ends it, too."""
-    order, target = method.order, method.target
+    request, target = method.request, method.target
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
-    record = order.record or target.with_name(f"{target.stem}-{time.strftime('%Y%m%d-%H%M%S')}.rrd")
+    record = request.record or target.with_name(f"{target.stem}-{time.strftime('%Y%m%d-%H%M%S')}.rrd")
     check_recording(record)
     _check_room(target.parent, record.parent)
     with EndSignals() as signals:
@@ -215,23 +215,23 @@ def _finish(method: Method[Any, Any], result: Computed) -> int:
 
 def _write(method: Method[Any, Any], result: Computed) -> None:
     """Writes the file and its report. Raises why it can't be used."""
-    order = method.order
+    request = method.request
     if isinstance(result, SrlError):
         raise result
     if result.refusals:
-        if order.json:
+        if request.json:
             print(json.dumps(method.metrics(result) | {"file": None, "report": None}))
         for reason in result.refusals[:-1]:
             print(f"srl calibrate: {reason}", file=sys.stderr)
         raise result.refusals[-1]
     method.draw(result, _picture(method))  # first: without its report the file could be taken for a good one
-    write_record(method.target, method.record(result), order.yes)
+    write_record(method.target, method.record(result), request.yes)
 
 
 def _tell(method: Method[Any, Any], result: Computed) -> None:
     """Says what was written."""
     target, picture = method.target, _picture(method)
-    if method.order.json:
+    if method.request.json:
         print(json.dumps(method.metrics(result) | {"file": str(target), "report": str(picture)}))
     else:
         print(f"{target}\n{picture}")
@@ -256,8 +256,8 @@ def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, lis
         if found is not None and channel_map.person != found.person:
             problem = f"it is of {channel_map.person}, the one before of {found.person}"
             raise RequestError(str(path), problem, "Name recordings of one person")
-        _check_origin(path, channel_map, found, method.checked, method.order)
-        if method.order.person not in (None, channel_map.person):
+        _check_origin(path, channel_map, found, method.checked, method.request)
+        if method.request.person not in (None, channel_map.person):
             raise RequestError(str(path), f"it is of {channel_map.person}", "Name a recording of this person")
         found = channel_map
         parts.append(method.ended(channel_map.samples(rows)))
@@ -266,7 +266,7 @@ def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, lis
 
 
 def _check_origin(
-    path: Path, channel_map: RunChannels, before: RunChannels | None, checked: Profile, order: CalibrationRequest
+    path: Path, channel_map: RunChannels, before: RunChannels | None, checked: Profile, request: CalibrationRequest
 ) -> None:
     """Raises RequestError: a recording is of another body, or simulated and the others aren't."""
     theirs, ours = channel_map.bodies, bodies(checked.models)
@@ -275,7 +275,7 @@ def _check_origin(
             problem = f"it was made with another body '{name}': {_differs(was, now)} in the profile"
             raise RequestError(str(path), problem, "Calibrate from the beginning, or set the body as it was")
     others = channel_map.simulated if before is None else before.simulated
-    if channel_map.simulated != (order.sim if order.redo else others):
+    if channel_map.simulated != (request.sim if request.redo else others):
         problem = (
             "it is simulated, the rest isn't" if channel_map.simulated else "it is of a person, the rest is simulated"
         )
@@ -289,18 +289,18 @@ def _differs(was: dict[str, Any] | None, now: dict[str, Any] | None) -> str:
     return next(f"{key} {was[key]}, now {now[key]}" for key in was if was[key] != now[key])
 
 
-def _target(order: CalibrationRequest, checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path:
-    file = kind.named(order, checked, source)
-    if order.person is not None and not re.fullmatch(ANONYMOUS, order.person):
-        problem = f"'{order.person}' isn't anonymous: up to four letters, then a number"
+def _target(request: CalibrationRequest, checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path:
+    file = kind.named(request, checked, source)
+    if request.person is not None and not re.fullmatch(ANONYMOUS, request.person):
+        problem = f"'{request.person}' isn't anonymous: up to four letters, then a number"
         raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
-    path = order.out or file
+    path = request.out or file
     if path is None:
         raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
-    if order.out is None and order.profile in library.shipped() and path.is_relative_to(source.files.folder):
-        problem = f"the profile '{order.profile}' comes with srl, and its calibration file would be replaced"
+    if request.out is None and request.profile in library.shipped() and path.is_relative_to(source.files.folder):
+        problem = f"the profile '{request.profile}' comes with srl, and its calibration file would be replaced"
         raise RequestError("-o", problem, "Say where the file goes, -o p07.json, or copy the profile")
     if path.is_symlink():
         path = Path(os.path.realpath(path))  # the link stays
-    check_target(path, kind.kind, order.yes)
+    check_target(path, kind.record_type, request.yes)
     return path

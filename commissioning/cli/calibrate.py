@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from srl.commissioning.calibration.request import LAWS, CalibrationRequest
+from srl.commissioning.calibration.request import KINDS, CalibrationRequest
 from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command
 
@@ -19,7 +19,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Registers the command."""
     parser = add_command(subparsers, "calibrate", "srl calibrate my-arm.yaml ikns --person P07", COMMANDS)
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
-    parser.add_argument("law", choices=LAWS, help="what is calibrated")
+    parser.add_argument("kind", choices=KINDS, help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: the file that the profile names")
     parser.add_argument(
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     from srl.commissioning.calibration.screen import Plain, Terminal
 
     screen: Screen = Plain(lambda text: print(text, file=sys.stderr, flush=True))
-    title = f"srl calibrate {args.profile} {args.law}{f': {args.person}' if args.person else ''}"
+    title = f"srl calibrate {args.profile} {args.kind}{f': {args.person}' if args.person else ''}"
     if args.panel:
         screen = _on_panel(args, title)
     elif sys.stderr.isatty() and not args.json:

@@ -210,11 +210,11 @@ def _jogs(graph: Graph, name: str) -> Iterator[str]:
 
 def _calibrations(graph: Graph, file: str) -> Iterator[str]:
     """The commands that make the calibration files which the profile names."""
-    from srl.commissioning.calibration.request import LAWS, CalibrationRequest
+    from srl.commissioning.calibration.request import KINDS, CalibrationRequest
     from srl.commissioning.calibration.session import method_of
 
     used = {entry.use for entry in graph.profile.controllers}
-    for kind in map(method_of, LAWS):
+    for kind in map(method_of, KINDS):
         if not kind.law or kind.law in used:
             try:
                 if kind.named(CalibrationRequest(file, kind.name), graph.profile, graph.source) is None:

@@ -67,13 +67,13 @@ class ChannelMap(RunChannels):
 class EmgMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    name, law, option, kind, error = "emg", LAW, "calibration", EmgRecord, EmgError
+    name, law, option, record_type, error = "emg", LAW, "calibration", EmgRecord, EmgError
     thing = "muscles"
     report: ClassVar[ModuleType] = emg_report
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
         self._device = self._emg()
 
@@ -96,7 +96,7 @@ class EmgMethod(Method[ChannelMap, Result]):
             LAW,
             ("samples", "count"),
             marks,
-            self.order.sim,
+            self.request.sim,
             ("samples", "count"),
             self._bare,
         )
@@ -116,7 +116,7 @@ class EmgMethod(Method[ChannelMap, Result]):
             raise WiringError(place, f"{stated:g} Hz isn't what is calibrated at", f"Add `--option rate={stated:g}`")
         asked = _asked(entry)
         asked["block"] = max(int(asked.get("block") or 0), needed)
-        if not self.order.sim:
+        if not self.request.sim:
             plain.pop("sim", None)
             return
         sim = plain.get("sim") or {}
@@ -159,7 +159,7 @@ class EmgMethod(Method[ChannelMap, Result]):
         )
 
     def take(self, older: ChannelMap) -> ChannelMap:
-        self._is_ours(older, "--from" if self.order.redo else "--recording")
+        self._is_ours(older, "--from" if self.request.redo else "--recording")
         self._plan = kept(older.options.plan, self._plan)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         update = {"plan": self._plan, "thresholds": self._thresholds}

@@ -72,14 +72,14 @@ class ChannelMap(RunChannels):
 class FrameMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    name, law, option, kind, error = "frames", "", "calibration", FrameRecord, MountError
+    name, law, option, record_type, error = "frames", "", "calibration", FrameRecord, MountError
     personal = False
     thing = "points or poses"
     report: ClassVar[ModuleType] = frame_report
 
     @classmethod
-    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
-        frame = _frame(order, checked, source)
+    def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
+        frame = _frame(request, checked, source)
         given = checked.frames[frame].calibration
         if isinstance(given, KeptFile):
             return given.path
@@ -88,11 +88,11 @@ class FrameMethod(Method[ChannelMap, Result]):
         except OptionError as error:
             raise ProfileError(source.place(f"frames.{frame}.calibration"), error.problem, error.remedy) from None
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = settings(order, {"plan": Plan, "thresholds": Thresholds, "between": Between})
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = settings(request, {"plan": Plan, "thresholds": Thresholds, "between": Between})
         self._plan, self._thresholds, between = found["plan"], found["thresholds"], found["between"]
-        self._frame = _frame(order, checked, source)
+        self._frame = _frame(request, checked, source)
         parent = checked.frames[self._frame].parent
         assert parent is not None  # a frame with `calibration` has one
         self._parent = parent
@@ -109,7 +109,7 @@ class FrameMethod(Method[ChannelMap, Result]):
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         return subset_of_devices(
-            self.checked, self.source, set(self._devices), self._marks, self.order.sim, self._silent
+            self.checked, self.source, set(self._devices), self._marks, self.request.sim, self._silent
         )  # fmt: skip
 
     def _marks(self, graph: Graph) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class FrameMethod(Method[ChannelMap, Result]):
         for name, frame in plain["frames"].items():
             if frame and frame.get("calibration") is not None:
                 plain["frames"][name] = {"parent": frame["parent"]}
-        if self.order.sim and plain.get("sim"):
+        if self.request.sim and plain.get("sim"):
             parts = plain["sim"].get("parts") or {}
             plain["sim"]["parts"] = {n: dict(part) for n, part in parts.items() if part.get("part") not in _PEOPLE}
             for name in arms:
@@ -220,10 +220,10 @@ def _pose(pose: NDArray[np.float64]) -> dict[str, list[float]]:
     return {"position": pose[:3].round(7).tolist(), "quaternion": pose[3:].round(9).tolist()}
 
 
-def _frame(order: CalibrationRequest, checked: Profile, source: Source) -> str:
+def _frame(request: CalibrationRequest, checked: Profile, source: Source) -> str:
     """The frame that is meant. Raises RequestError, ProfileError."""
     calibrated = [name for name, entry in checked.frames.items() if entry.calibration is not None]
-    for text in order.option:
+    for text in request.option:
         key, _, value = text.partition("=")
         if key == "frame":
             if value not in calibrated:

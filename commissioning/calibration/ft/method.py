@@ -61,14 +61,14 @@ class ChannelMap(RunChannels):
 class FtMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    name, law, option, kind, error = "ft", LAW, "calibration", FtRecord, FtError
+    name, law, option, record_type, error = "ft", LAW, "calibration", FtRecord, FtError
     personal = False
     thing = "poses"
     report: ClassVar[ModuleType] = ft_report
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
         if 1 < self._plan.poses < FEWEST:
             problem = f"{self._plan.poses} poses don't find the load: {FEWEST} are needed"
@@ -91,7 +91,7 @@ class FtMethod(Method[ChannelMap, Result]):
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, self._plan, self._thresholds)
-        return subset_for(self.checked, self.source, LAW, ("wrench",), marks, self.order.sim, ("wrench",), self._held)
+        return subset_for(self.checked, self.source, LAW, ("wrench",), marks, self.request.sim, ("wrench",), self._held)
 
     def _held(self, plain: dict[str, Any]) -> None:
         """Nothing that the profile describes is there, but the sensor and what the person holds in the hands."""
@@ -99,7 +99,7 @@ class FtMethod(Method[ChannelMap, Result]):
         if plain.get("clock") != self._device:
             plain.pop("clock", None)
         frame = self.checked.devices[self._device].options.get("frame")
-        if self.order.sim:
+        if self.request.sim:
             take_in_hand(plain, self._device, frame, self.source.place("sim.parts"))
         else:
             plain["frames"] = {}

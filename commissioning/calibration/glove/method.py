@@ -61,13 +61,13 @@ class ChannelMap(RunChannels):
 class GloveMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    name, law, option, kind, error = NAME, "", "calibration", GloveRecord, GloveError
+    name, law, option, record_type, error = NAME, "", "calibration", GloveRecord, GloveError
     thing = "shapes"
     report: ClassVar[ModuleType] = glove_report
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = _settings(order)
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = _settings(request)
         self._plan, self._angles, self._thresholds = found["plan"], found["angles"], found["thresholds"]
         self._device = device_cut.device(checked, source, NAME, self._plan.device)
         if target.suffix == VENDORS:
@@ -75,15 +75,15 @@ class GloveMethod(Method[ChannelMap, Result]):
             raise RequestError("-o", problem, "Name another: -o p07.json")
 
     @classmethod
-    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
-        chosen = _settings(order)["plan"].device
+    def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
+        chosen = _settings(request)["plan"].device
         return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         def marks(graph: Graph) -> dict[str, Any]:
             return self._marks(person, graph)
 
-        return subset_of_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
+        return subset_of_devices(self.checked, self.source, {self._device}, marks, self.request.sim, self._bare)
 
     def _bare(self, plain: dict[str, Any]) -> None:
         """The glove gives its counts, and a simulated hand does what it is told; nothing else is there."""
@@ -91,7 +91,7 @@ class GloveMethod(Method[ChannelMap, Result]):
         entry = plain["devices"][self._device]
         entry.pop("calibration", None)
         entry["raw"] = True
-        if not self.order.sim:
+        if not self.request.sim:
             plain.pop("sim", None)
             return
         sim = plain.get("sim") or {}
@@ -160,7 +160,7 @@ class GloveMethod(Method[ChannelMap, Result]):
         return all(getattr(one.options, key) == getattr(other.options, key) for key in keys)
 
     def take(self, older: ChannelMap) -> ChannelMap:
-        self._is_ours(older, "--from" if self.order.redo else "--recording")  # its samples are joined with ours
+        self._is_ours(older, "--from" if self.request.redo else "--recording")  # its samples are joined with ours
         self._plan, self._angles = kept(older.options.plan, self._plan), kept(older.options.angles, self._angles)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         self._check_left(older.options.sensors)
@@ -177,7 +177,7 @@ class GloveMethod(Method[ChannelMap, Result]):
         return Procedure(self._sensors(), self._plan, self._angles, self._thresholds, bool(before))
 
     def _sensors(self) -> tuple[str, ...]:
-        made, _ = self.cut(self.order.person or "P0")
+        made, _ = self.cut(self.request.person or "P0")
         (entry,) = made.controllers
         return tuple(entry.options["sensors"])
 
@@ -204,5 +204,5 @@ class GloveMethod(Method[ChannelMap, Result]):
         )  # fmt: skip
 
 
-def _settings(order: CalibrationRequest) -> dict[str, Any]:
-    return settings(order, {"plan": Plan, "angles": Angles, "thresholds": Thresholds})
+def _settings(request: CalibrationRequest) -> dict[str, Any]:
+    return settings(request, {"plan": Plan, "angles": Angles, "thresholds": Thresholds})

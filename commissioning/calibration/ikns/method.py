@@ -33,33 +33,35 @@ from srl.runtime.profile.source import Source
 class IknsMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    law, option, kind, error = profile_subset.LAW, "calibration", record.Record, CalibrationError
+    law, option, record_type, error = profile_subset.LAW, "calibration", record.Record, CalibrationError
     next, thing = "f DOF flip its direction", "points"
     report: ClassVar[ModuleType] = ikns_report
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        points = [f"points={order.points}"] if order.points is not None else []
-        found = settings(order, {"plan": Plan, "thresholds": Thresholds}, points)
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        points = [f"points={request.points}"] if request.points is not None else []
+        found = settings(request, {"plan": Plan, "thresholds": Thresholds}, points)
         self._plan, self._thresholds = found["plan"], found["thresholds"]
-        self._named = names("--dofs", order.dofs, "a degree of freedom")
+        self._named = names("--dofs", request.dofs, "a degree of freedom")
         self._dofs = self._named or ("swivel",)
-        self._turned = list(order.flip)
-        for name in self._named if order.sim else ():
+        self._turned = list(request.flip)
+        for name in self._named if request.sim else ():
             if name not in get_args(Dof):
                 problem = f"the simulated wearer knows no motion '{name}'"
                 raise RequestError("--dofs", problem, nearest(name, get_args(Dof)))
         file = named(checked, source, type(self))
-        self._directions = Directions(order.direction, [target, *([] if file is None else [file])])
+        self._directions = Directions(request.direction, [target, *([] if file is None else [file])])
 
     def cut(self, person: str) -> tuple[Profile, Source]:
-        return profile_subset.cut(self.checked, self.source, person, self._dofs, self._thresholds, self.order.sim)
+        return profile_subset.cut(self.checked, self.source, person, self._dofs, self._thresholds, self.request.sim)
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         own: MarksConfig | None = None
-        if self.order.person is not None:  # a plain run's recording says neither whose it is nor where its signals are
+        if (
+            self.request.person is not None
+        ):  # a plain run's recording doesn't say whose it is
             dofs = self._named or ("swivel",)
-            made, _ = profile_subset.cut(self.checked, self.source, self.order.person, dofs, self._thresholds)
+            made, _ = profile_subset.cut(self.checked, self.source, self.request.person, dofs, self._thresholds)
             own = MarksConfig.model_validate(made.controllers[-1].options)
         return channel_map(layout, place, own)
 
@@ -69,7 +71,7 @@ class IknsMethod(Method[ChannelMap, Result]):
     def take(self, older: ChannelMap) -> ChannelMap:
         thresholds = kept(older.options.thresholds, self._thresholds)
         older = replace(older, options=older.options.model_copy(update={"thresholds": thresholds}))
-        if self.order.redo and self._named and older.options.dofs != self._named:
+        if self.request.redo and self._named and older.options.dofs != self._named:
             problem = f"they are of {', '.join(older.options.dofs)}"
             raise RequestError("--from", problem, "Name recordings of the same degrees of freedom")
         self._dofs, self._thresholds = older.options.dofs, older.options.thresholds
@@ -80,13 +82,13 @@ class IknsMethod(Method[ChannelMap, Result]):
 
     def ready(self, channel_map: ChannelMap) -> None:
         """Checks what the command line says of the direction."""
-        flip, options = self.order.flip, channel_map.options
+        flip, options = self.request.flip, channel_map.options
         for dof in flip:
             if dof not in options.dofs:
                 raise RequestError("--flip", f"there is no degree of freedom '{dof}'", nearest(dof, options.dofs))
             if flip.count(dof) > 1:
                 raise RequestError("--flip", f"'{dof}' is named twice, which would turn nothing", "Name it once")
-        if self._directions.of(options) is None and (self.order.recording or self.order.redo):
+        if self._directions.of(options) is None and (self.request.recording or self.request.redo):
             self.say(
                 f"No calibration file of {options.person} with these joints stands there, so the direction is "
                 "as computed: what was turned round before (--flip, f) isn't in a recording. --direction FILE takes it"

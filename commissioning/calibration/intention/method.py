@@ -48,20 +48,20 @@ class ChannelMap(SuitChannelMap[IntentionMarksConfig]):
 class IntentionMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    law, option, kind, error = LAW, "recogniser", Record, TrainingError
+    law, option, record_type, error = LAW, "recogniser", Record, TrainingError
     thing = "actions"
     report: ClassVar[ModuleType] = intention_report
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
         if self._plan.rounds < self._thresholds.repetitions:
             problem = f"{self._plan.rounds} rounds give fewer than {self._thresholds.repetitions} repetitions"
             raise RequestError("--option rounds", problem, "Give more")
-        self._actions = names("--actions", order.actions, "an action") or ACTIONS
+        self._actions = names("--actions", request.actions, "an action") or ACTIONS
         for name in self._actions:
-            if name in BACKGROUND or (order.sim and name not in ACTIONS):
+            if name in BACKGROUND or (request.sim and name not in ACTIONS):
                 problem = f"'{name}' is no action" if name in BACKGROUND else f"a simulated wearer can't do '{name}'"
                 raise RequestError("--actions", problem, nearest(name, ACTIONS))
         if len(self._actions) < 2:
@@ -69,7 +69,7 @@ class IntentionMethod(Method[ChannelMap, Result]):
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, person, self._actions, self._thresholds)
-        return subset_for(self.checked, self.source, LAW, ("rotation", "translation"), marks, self.order.sim)
+        return subset_for(self.checked, self.source, LAW, ("rotation", "translation"), marks, self.request.sim)
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         return ChannelMap.find(
@@ -81,7 +81,7 @@ class IntentionMethod(Method[ChannelMap, Result]):
         return (one.options.actions, one.options.trunk) == (other.options.actions, other.options.trunk)
 
     def take(self, older: ChannelMap) -> ChannelMap:
-        if self.order.actions and older.options.actions != self._actions:
+        if self.request.actions and older.options.actions != self._actions:
             problem = f"they are of {', '.join(older.options.actions)}"
             raise RequestError("--actions", problem, "Name recordings of the same actions")
         thresholds = kept(older.options.thresholds, self._thresholds)

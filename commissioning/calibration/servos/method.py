@@ -91,14 +91,14 @@ class ChannelMap(RunChannels):
 class ServoMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    name, law, option, kind, error = WHAT, "", "calibration", ServoRecord, ServoError
+    name, law, option, record_type, error = WHAT, "", "calibration", ServoRecord, ServoError
     personal = False
     thing = "joints"
     report: ClassVar[ModuleType] = servo_report
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = _settings(order)
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = _settings(request)
         self._plan, self._thresholds = found["plan"], found["thresholds"]
         self._device = device_cut.device(checked, source, WHAT, self._plan.device)
         driver = self._driver(without_file=True)
@@ -116,8 +116,8 @@ class ServoMethod(Method[ChannelMap, Result]):
             raise RequestError(error.place, error.problem, error.remedy) from None
 
     @classmethod
-    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
-        chosen = _settings(order)["plan"].device
+    def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
+        chosen = _settings(request)["plan"].device
         return device_cut.named(checked, source, device_cut.device(checked, source, WHAT, chosen))
 
     # -- the cut profile
@@ -215,14 +215,14 @@ class ServoMethod(Method[ChannelMap, Result]):
     @cached_property
     def driven(self) -> Cut:
         """What `srl jog` would run of the profile, and the marks' law. Raises SrlError."""
-        made = jog_cut(*self._bare(), self._device, self._plan.speed, self.order.sim, self.order.panel)
+        made = jog_cut(*self._bare(), self._device, self._plan.speed, self.request.sim, self.request.panel)
         plain, _ = profile.tree(made.source.label, made.source.text, made.source.overrides, made.source.files)
         plain["controllers"].append(self._marks())
         for part in ((plain.get("sim") or {}).get("parts") or {}).values():
             if part.get("part") == _HAND:  # it would play its own plan, and push the limb
                 part["wearer"] = {"instructed": True}
         own, text = parsed(plain, made.source, [])
-        graph = wiring.build(own, text, [] if self.order.sim else None)
+        graph = wiring.build(own, text, [] if self.request.sim else None)
         (actuator,) = graph.actuators
         return replace(made, profile=own, source=text, graph=graph, actuator=actuator)
 
@@ -246,12 +246,12 @@ class ServoMethod(Method[ChannelMap, Result]):
     # -- the session
 
     def simulated(self, made: Profile, text: Source) -> RowSource:
-        return SimulatedDrive(self.driven, self.channel_map, self.say, self.order.record)
+        return SimulatedDrive(self.driven, self.channel_map, self.say, self.request.record)
 
     def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
         if not isinstance(screen, PanelScreen):
-            screen = Keyed(f"srl calibrate {self.order.profile} {WHAT}: {self._device}")
-        return Drive(self.driven, self.channel_map, name, record, self.order.view, screen, self.say)
+            screen = Keyed(f"srl calibrate {self.request.profile} {WHAT}: {self._device}")
+        return Drive(self.driven, self.channel_map, name, record, self.request.view, screen, self.say)
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         _, entry = marks_law(layout, place, MARKS)
@@ -357,5 +357,5 @@ class ServoMethod(Method[ChannelMap, Result]):
         )  # fmt: skip
 
 
-def _settings(order: CalibrationRequest) -> dict[str, Any]:
-    return settings(order, {"plan": Plan, "thresholds": Thresholds})
+def _settings(request: CalibrationRequest) -> dict[str, Any]:
+    return settings(request, {"plan": Plan, "thresholds": Thresholds})

@@ -61,37 +61,37 @@ class ChannelMap(RunChannels):
 class SuitMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    name, law, option, kind, error = NAME, "", "calibration", SuitRecord, SuitError
+    name, law, option, record_type, error = NAME, "", "calibration", SuitRecord, SuitError
     thing = "stands"
     report: ClassVar[ModuleType] = suit_report
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
         self._device = device_cut.device(checked, source, NAME, self._plan.device)
-        if order.redo:
+        if request.redo:
             problem = "a drift is seen within one session, without a break"
             raise RequestError("--redo", problem, "Begin anew; within a session, type r N")
-        if order.sim and self._plan.pose != "n":
+        if request.sim and self._plan.pose != "n":
             raise RequestError("--option pose", "the simulated person lets the arms hang", "Leave it out")
 
     @classmethod
-    def named(cls, order: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
-        chosen = settings(order, {"plan": Plan, "thresholds": Thresholds})["plan"].device
+    def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
+        chosen = settings(request, {"plan": Plan, "thresholds": Thresholds})["plan"].device
         return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         def marks(graph: Graph) -> dict[str, Any]:
             return self._marks(person, graph)
 
-        return subset_of_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
+        return subset_of_devices(self.checked, self.source, {self._device}, marks, self.request.sim, self._bare)
 
     def _bare(self, plain: dict[str, Any]) -> None:
         """The suit gives what it sends, and a simulated person does what it is told; nothing else is there."""
         plain["frames"] = {}
         plain["devices"][self._device].pop("calibration", None)
-        if not self.order.sim:
+        if not self.request.sim:
             plain.pop("sim", None)
             return
         sim = plain.get("sim") or {}
@@ -146,7 +146,7 @@ class SuitMethod(Method[ChannelMap, Result]):
         return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
-        made, _ = self.cut(self.order.person or "P0")
+        made, _ = self.cut(self.request.person or "P0")
         (entry,) = made.controllers
         return Procedure(entry.options["segments"], entry.options["parents"], self._plan, self._thresholds)
 

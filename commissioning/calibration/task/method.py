@@ -71,18 +71,18 @@ class Result:
 class TaskMethod(Method[ChannelMap, Result]):
     """See the module's docstring."""
 
-    law, option, kind, error = LAW, "task", TaskRecord, TaskError
+    law, option, record_type, error = LAW, "task", TaskRecord, TaskError
     thing = "tasks"
 
-    def __init__(self, order: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(order, checked, source, target, say)
-        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         reads = ("rotation", "translation")
         marks = partial(_marks, person, self._thresholds)
-        return subset_for(self.checked, self.source, LAW, reads, marks, self.order.sim, reads)
+        return subset_for(self.checked, self.source, LAW, reads, marks, self.request.sim, reads)
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         return ChannelMap.find(
