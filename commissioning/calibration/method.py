@@ -6,6 +6,7 @@ import datetime
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -14,11 +15,13 @@ from pydantic import ValidationError
 
 from srl.commissioning.calibration.guided import Procedure, Samples
 from srl.commissioning.calibration.live import Live
+from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.profile_subset import find
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.sources import RowSource, Simulated
+from srl.commissioning.calibration.things import IDLE, LEFT_OUT
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
 from srl.runtime.ipc.layout import Layout
@@ -53,6 +56,7 @@ class Method(ABC, Generic[T, R]):
         next: the keys at the end, besides those that every method has.
         thing: what `--redo` counts.
         report: the module whose `lines`, `metrics` and `draw` tell of a result; else these are the method's own.
+        counted: the marks of what counts.
         personal: whether it is a person's calibration, with an id; else a device's.
     """
 
@@ -64,6 +68,7 @@ class Method(ABC, Generic[T, R]):
     next: ClassVar[str] = ""
     thing: ClassVar[str]
     report: ClassVar[ModuleType]
+    counted: ClassVar[range] = range(1, LEFT_OUT)
     personal: ClassVar[bool] = True
 
     def __init_subclass__(cls) -> None:
@@ -102,9 +107,12 @@ class Method(ABC, Generic[T, R]):
     def take(self, older: T) -> T:
         """Takes the settings of an earlier calibration, but those that the command line says. Raises RequestError."""
 
-    @abstractmethod
     def ended(self, samples: Any) -> Samples:
         """The samples of a whole recording, without the trial in which the recording stops."""
+        marks = samples.marks.copy()
+        if len(marks) and int(marks[-1]) in self.counted:
+            marks[stretch_of(marks, marks[-1])] = IDLE
+        return replace(samples, marks=marks)
 
     def ready(self, channel_map: T) -> None:
         """Checks, before anybody begins, what must fit what is recorded. Raises RequestError."""

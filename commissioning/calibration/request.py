@@ -18,7 +18,7 @@ METHODS: Final = {
     "suit": "suit.SuitMethod",
     "servos": "servos.ServoMethod",
 }
-"""The class of each kind of calibration, below `commissioning/calibration/`: its folder, and its name."""
+"""`FOLDER.CLASS` of each kind: `commissioning/calibration/FOLDER/method.py` has the class."""
 KINDS: Final = tuple(METHODS)
 """What can be calibrated."""
 _IKNS: Final = {"only": "ikns"}

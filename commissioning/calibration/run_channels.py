@@ -5,12 +5,13 @@ from __future__ import annotations
 import datetime
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from srl.commissioning.calibration.guided import Samples
+from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
@@ -19,6 +20,8 @@ from srl.runtime.models.models import bodies
 from srl.runtime.profile import profile
 from srl.runtime.profile.plots import indices, split
 from srl.runtime.profile.profile import ControllerEntry, Profile
+
+Config = TypeVar("Config", bound=ControllerConfig)
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,54 @@ class RunChannels(ABC):
         """The day of the first row, UTC."""
         wall = int(self.layout.word(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
         return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
+
+
+@dataclass(frozen=True)
+class MarkedChannels(RunChannels):
+    """Those of a kind whose marks' law has its options in the layout's profile.
+
+    Attributes:
+        law: the marks' law.
+        options: its options.
+    """
+
+    law: ClassVar[str]
+    options: Any
+
+    @property
+    def person(self) -> str:
+        return str(getattr(self.options, "person", ""))
+
+    @property
+    def parameter(self) -> str:
+        return f"{self.law}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Any:
+        rows = rows[self.active(rows)]
+        return self._samples(self.times(rows), floats := self.floats(rows), self.marks(floats))
+
+    @abstractmethod
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Any:
+        """The kind's own samples, of rows (k, n) in which the run was active."""
+
+    @classmethod
+    def marked(cls, layout: Layout, place: str, config: type[Config], what: str, kind: str) -> tuple[int, Config]:
+        """The place of the mark, and the options of the marks' law.
+
+        Args:
+            layout: of the rows.
+            place: the recording, for errors.
+            config: the options' type.
+            what: to which each sample belongs: "which pose".
+            kind: what `srl calibrate` calls it.
+        Raises:
+            RecordingError: the layout's profile has no such law.
+        """
+        _, entry = marks_law(layout, place, cls.law)
+        if entry is None:
+            problem = f"it has no marks, so which samples belong to {what} isn't known"
+            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {kind}`")
+        return layout.fields[f"{cls.law}.mark"].offset, config.model_validate(entry.options)
 
 
 def marks_law(layout: Layout, place: str, law: str) -> tuple[Profile, ControllerEntry | None]:

@@ -20,14 +20,14 @@ from srl.commissioning.calibration.emg.fit import Thresholds, fit, refusals
 from srl.commissioning.calibration.emg.procedure import Procedure
 from srl.commissioning.calibration.emg.report import Result
 from srl.commissioning.calibration.emg.samples import EmgMarksConfig, Plan, Samples, joined, parts
-from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
 from srl.commissioning.calibration.profile_subset import find, subset_for
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
+from srl.commissioning.calibration.run_channels import MarkedChannels, marks_law, words
 from srl.control.emg.processing import EmgError, OnlineEnvelope
 from srl.control.emg.record import FORMAT, EmgRecord
-from srl.runtime.contracts.errors import RecordingError, RequestError, WiringError
+from srl.runtime.contracts.errors import RequestError, WiringError
+from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.profile import ControllerEntry, Profile
@@ -41,27 +41,18 @@ _FRAME: Final = 27  # samples that come at once; a row must hold a cycle's and t
 
 
 @dataclass(frozen=True)
-class ChannelMap(RunChannels):
+class ChannelMap(MarkedChannels):
     """What is read of the device. Attributes: `options` of the marks' law; `block` (k n,), `count`, `shape` (k, n)."""
 
+    law = MARKS
     options: EmgMarksConfig
     block: NDArray[np.intp]
     count: NDArray[np.intp]
     shape: tuple[int, ...]
 
-    @property
-    def person(self) -> str:
-        return self.options.person
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
-
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        rows = rows[self.active(rows)]
-        floats = self.floats(rows)
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
         blocks = floats[:, self.block].reshape(-1, *self.shape)
-        return Samples(self.times(rows), blocks, floats[:, self.count[0]], self.marks(floats))
+        return Samples(times, blocks, floats[:, self.count[0]], marks)
 
 
 class EmgMethod(Method[ChannelMap, Result]):
@@ -69,6 +60,7 @@ class EmgMethod(Method[ChannelMap, Result]):
 
     name, law, option, record_type, error = "emg", LAW, "calibration", EmgRecord, EmgError
     thing = "muscles"
+    counted = range(1, 1 << 31)
     report: ClassVar[ModuleType] = emg_report
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
@@ -131,14 +123,10 @@ class EmgMethod(Method[ChannelMap, Result]):
         plain["sim"] = sim | {"world": "cell"}
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        _, entry = marks_law(layout, place, MARKS)
-        if entry is None:
-            problem = "it has no marks, so which samples belong to which contraction isn't known"
-            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {self.name}`")
-        options = EmgMarksConfig.model_validate(entry.options)
+        mark, options = ChannelMap.marked(layout, place, EmgMarksConfig, "which contraction", self.name)
         block, count = (words(layout, [name], place) for name in (options.signal, options.count))
         shape = layout.fields[options.signal].shape
-        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, block, count, shape)
+        return ChannelMap(layout, mark, options, block, count, shape)
 
     def ready(self, channel_map: ChannelMap) -> None:
         self._is_ours(channel_map, "--recording")
@@ -164,12 +152,6 @@ class EmgMethod(Method[ChannelMap, Result]):
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         update = {"plan": self._plan, "thresholds": self._thresholds}
         return replace(older, options=older.options.model_copy(update=update))
-
-    def ended(self, samples: Samples) -> Samples:
-        marks = samples.marks.copy()
-        if len(marks) and marks[-1] > 0:
-            marks[stretch_of(marks, marks[-1])] = 0
-        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         muscles = tuple(_slots(self.checked.devices[self._device].options))

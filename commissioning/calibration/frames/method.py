@@ -16,18 +16,18 @@ from srl.commissioning.calibration.frames import report as frame_report
 from srl.commissioning.calibration.frames.fit import MountError, Thresholds, fit, refusals
 from srl.commissioning.calibration.frames.procedure import Procedure
 from srl.commissioning.calibration.frames.report import Result
-from srl.commissioning.calibration.frames.samples import LEFT_OUT, FrameMarksConfig, Plan, Samples, held, joined, pairs
-from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.frames.samples import FrameMarksConfig, Plan, Samples, held, joined, pairs
 from srl.commissioning.calibration.method import Method, Say, kept, settings
 from srl.commissioning.calibration.pose_signals import pose_signals
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
+from srl.commissioning.calibration.run_channels import MarkedChannels, words
 from srl.runtime.contracts import registry
-from srl.runtime.contracts.errors import OptionError, ProfileError, RecordingError, RequestError, WiringError, nearest
+from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, WiringError, nearest
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.frames import IDENTITY
 from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.models.mount_record import FORMAT, FrameRecord
 from srl.runtime.profile.graph import Graph
@@ -47,26 +47,17 @@ class Between(Options):
 
 
 @dataclass(frozen=True)
-class ChannelMap(RunChannels):
+class ChannelMap(MarkedChannels):
     """What is read. Attributes: `options` of the marks' law; `parent`, `own` (7,): the poses in parent and frame."""
 
+    law = MARKS
     options: FrameMarksConfig
     parent: NDArray[np.intp]
     own: NDArray[np.intp] | None
 
-    @property
-    def person(self) -> str:
-        return ""
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
-
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        rows = rows[self.active(rows)]
-        floats = self.floats(rows)
-        own = np.tile(IDENTITY, (len(rows), 1)) if self.own is None else _seen(floats[:, self.own])
-        return Samples(self.times(rows), _seen(floats[:, self.parent]), own, self.marks(floats))
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+        own = np.tile(IDENTITY, (len(floats), 1)) if self.own is None else _seen(floats[:, self.own])
+        return Samples(times, _seen(floats[:, self.parent]), own, marks)
 
 
 class FrameMethod(Method[ChannelMap, Result]):
@@ -145,13 +136,8 @@ class FrameMethod(Method[ChannelMap, Result]):
                     plain["sim"]["parts"][part]["guided"] = True
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        _, entry = marks_law(layout, place, MARKS)
-        if entry is None:
-            problem = "it has no marks, so which samples belong together isn't known"
-            raise RecordingError(place, problem, "Use a recording of `srl calibrate PROFILE frames`")
-        options = FrameMarksConfig.model_validate(entry.options)
+        mark, options = ChannelMap.marked(layout, place, FrameMarksConfig, "together", self.name)
         own = None if options.frame_signal is None else words(layout, [options.frame_signal], place)
-        mark = layout.fields[f"{MARKS}.mark"].offset
         return ChannelMap(layout, mark, options, words(layout, [options.parent_signal], place), own)
 
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:
@@ -177,12 +163,6 @@ class FrameMethod(Method[ChannelMap, Result]):
         self._plan = older.options.plan
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
-
-    def ended(self, samples: Samples) -> Samples:
-        marks = samples.marks.copy()
-        if len(marks) and 0 < marks[-1] < LEFT_OUT:
-            marks[stretch_of(marks, marks[-1])] = 0
-        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         done = None

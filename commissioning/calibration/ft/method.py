@@ -17,15 +17,15 @@ from srl.commissioning.calibration.ft import report as ft_report
 from srl.commissioning.calibration.ft.fit import FEWEST, FtError, Thresholds, bias_alone, fit, refusals
 from srl.commissioning.calibration.ft.procedure import Procedure
 from srl.commissioning.calibration.ft.report import Result
-from srl.commissioning.calibration.ft.samples import LEFT_OUT, FtMarksConfig, Plan, Samples, joined, poses
+from srl.commissioning.calibration.ft.samples import FtMarksConfig, Plan, Samples, joined, poses
 from srl.commissioning.calibration.in_hand import take_in_hand
-from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
 from srl.commissioning.calibration.profile_subset import elements, find, subset_for
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
+from srl.commissioning.calibration.run_channels import MarkedChannels, words
 from srl.control.cobot.ft_record import FORMAT, FtRecord
-from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
+from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError
+from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.terms import WRENCH
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.profile.graph import Graph
@@ -37,25 +37,16 @@ MARKS: Final = "ft-marks"
 
 
 @dataclass(frozen=True)
-class ChannelMap(RunChannels):
+class ChannelMap(MarkedChannels):
     """What is read of a sensor. Attributes: `options` of the marks' law; `wrench` (6,); `frame`, of it."""
 
+    law = MARKS
     options: FtMarksConfig
     wrench: NDArray[np.intp]
     frame: str | None
 
-    @property
-    def person(self) -> str:
-        return ""
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
-
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        rows = rows[self.active(rows)]
-        floats = self.floats(rows)
-        return Samples(self.times(rows), floats[:, self.wrench], self.marks(floats))
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+        return Samples(times, floats[:, self.wrench], marks)
 
 
 class FtMethod(Method[ChannelMap, Result]):
@@ -105,14 +96,10 @@ class FtMethod(Method[ChannelMap, Result]):
             plain["frames"] = {}
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        _, entry = marks_law(layout, place, MARKS)
-        if entry is None:
-            problem = "it has no marks, so which samples belong to which pose isn't known"
-            raise RecordingError(place, problem, "Use a recording of `srl calibrate PROFILE ft`")
-        options = FtMarksConfig.model_validate(entry.options)
+        mark, options = ChannelMap.marked(layout, place, FtMarksConfig, "which pose", self.name)
         wrench = words(layout, list(options.wrench.values()), place)
         frame = layout.fields[options.signal].frame
-        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, wrench, frame)
+        return ChannelMap(layout, mark, options, wrench, frame)
 
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return (one.options.signal, one.options.plan.poses) == (other.options.signal, other.options.plan.poses)
@@ -121,12 +108,6 @@ class FtMethod(Method[ChannelMap, Result]):
         self._plan = older.options.plan
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
-
-    def ended(self, samples: Samples) -> Samples:
-        marks = samples.marks.copy()
-        if len(marks) and 0 < marks[-1] < LEFT_OUT:
-            marks[stretch_of(marks, marks[-1])] = 0
-        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         done = poses(joined(before), self._plan, self._thresholds)[0] if before else None

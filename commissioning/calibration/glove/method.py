@@ -18,14 +18,14 @@ from srl.commissioning.calibration.glove.fit import GloveError, Thresholds, fit,
 from srl.commissioning.calibration.glove.procedure import Procedure
 from srl.commissioning.calibration.glove.report import Result
 from srl.commissioning.calibration.glove.samples import GloveMarksConfig, Plan, Samples, held, joined
-from srl.commissioning.calibration.glove.shapes import LAST, Angles
-from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.glove.shapes import Angles
 from srl.commissioning.calibration.method import Method, Say, kept, settings
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
-from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError, nearest
+from srl.commissioning.calibration.run_channels import MarkedChannels, words
+from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
 from srl.runtime.contracts.glove_record import FORMAT, GloveRecord
+from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.profile import Profile
@@ -38,24 +38,15 @@ VENDORS: Final = ".cal"
 
 
 @dataclass(frozen=True)
-class ChannelMap(RunChannels):
+class ChannelMap(MarkedChannels):
     """What is read of a glove. Attributes: `options` of the marks' law; `raw` (n,), of all sensors."""
 
+    law = MARKS
     options: GloveMarksConfig
     raw: NDArray[np.intp]
 
-    @property
-    def person(self) -> str:
-        return self.options.person
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
-
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        rows = rows[self.active(rows)]
-        floats = self.floats(rows)
-        return Samples(self.times(rows), floats[:, self.raw], self.marks(floats))
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+        return Samples(times, floats[:, self.raw], marks)
 
 
 class GloveMethod(Method[ChannelMap, Result]):
@@ -133,13 +124,9 @@ class GloveMethod(Method[ChannelMap, Result]):
             raise RequestError("--option average", "no sensor is left to calibrate", "Name fewer")
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        _, entry = marks_law(layout, place, MARKS)
-        if entry is None:
-            problem = "it has no marks, so which samples belong to which shape isn't known"
-            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {NAME}`")
-        options = GloveMarksConfig.model_validate(entry.options)
+        mark, options = ChannelMap.marked(layout, place, GloveMarksConfig, "which shape", self.name)
         raw = words(layout, [f"{options.signal}[{name}]" for name in options.sensors], place)
-        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, raw)
+        return ChannelMap(layout, mark, options, raw)
 
     def ready(self, channel_map: ChannelMap) -> None:
         self._is_ours(channel_map, "--recording")
@@ -166,12 +153,6 @@ class GloveMethod(Method[ChannelMap, Result]):
         self._check_left(older.options.sensors)
         update = {"plan": self._plan, "thresholds": self._thresholds, "angles": self._angles}
         return replace(older, options=older.options.model_copy(update=update))
-
-    def ended(self, samples: Samples) -> Samples:
-        marks = samples.marks.copy()
-        if len(marks) and 0 < marks[-1] <= LAST:
-            marks[stretch_of(marks, marks[-1])] = 0
-        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         return Procedure(self._sensors(), self._plan, self._angles, self._thresholds, bool(before))

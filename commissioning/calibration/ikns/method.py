@@ -57,9 +57,7 @@ class IknsMethod(Method[ChannelMap, Result]):
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         own: MarksConfig | None = None
-        if (
-            self.request.person is not None
-        ):  # a plain run's recording doesn't say whose it is
+        if self.request.person is not None:  # a plain run's recording doesn't say whose it is
             dofs = self._named or ("swivel",)
             made, _ = profile_subset.cut(self.checked, self.source, self.request.person, dofs, self._thresholds)
             own = MarksConfig.model_validate(made.controllers[-1].options)

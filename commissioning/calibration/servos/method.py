@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from srl.commissioning.calibration import device_cut
 from srl.commissioning.calibration.actuator_access import Drive
 from srl.commissioning.calibration.keyed import Keyed
-from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
 from srl.commissioning.calibration.panel import PanelScreen
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
+from srl.commissioning.calibration.run_channels import MarkedChannels, words
 from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.servos import report as servo_report
 from srl.commissioning.calibration.servos.fit import HornFit, ServoError, Thresholds, horn_fit, refusals
@@ -43,10 +42,10 @@ from srl.commissioning.jog.profile_subset import Cut
 from srl.commissioning.jog.profile_subset import cut as jog_cut
 from srl.runtime.contracts import registry, servo_record
 from srl.runtime.contracts.driver import Driver
-from srl.runtime.contracts.errors import RecordingError, RequestError, SrlError, WiringError
+from srl.runtime.contracts.errors import RequestError, SrlError, WiringError
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.servo_record import FORMAT, WHAT, Joint, ServoRecord
-from srl.runtime.contracts.signals import Kind
+from srl.runtime.contracts.signals import Array, Kind
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.builder import Builder
@@ -59,19 +58,12 @@ _HAND: Final = "human-hand"
 
 
 @dataclass(frozen=True)
-class ChannelMap(RunChannels):
+class ChannelMap(MarkedChannels):
     """What is read of servos. Attributes: `options` of the marks' law; `angles` (n,), of all joints."""
 
+    law = MARKS
     options: ServoMarksConfig
     angles: NDArray[np.intp]
-
-    @property
-    def person(self) -> str:
-        return ""
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
 
     @property
     def simulated(self) -> bool:
@@ -82,10 +74,8 @@ class ChannelMap(RunChannels):
         """Never by itself: it could move."""
         return False
 
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        rows = rows[self.active(rows)]
-        floats = self.floats(rows)
-        return Samples(self.times(rows), floats[:, self.angles], self.marks(floats))
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+        return Samples(times, floats[:, self.angles], marks)
 
 
 class ServoMethod(Method[ChannelMap, Result]):
@@ -94,6 +84,7 @@ class ServoMethod(Method[ChannelMap, Result]):
     name, law, option, record_type, error = WHAT, "", "calibration", ServoRecord, ServoError
     personal = False
     thing = "joints"
+    counted = range(FIRST + 1, LEFT_OUT)
     report: ClassVar[ModuleType] = servo_report
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
@@ -254,13 +245,9 @@ class ServoMethod(Method[ChannelMap, Result]):
         return Drive(self.driven, self.channel_map, name, record, self.request.view, screen, self.say)
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        _, entry = marks_law(layout, place, MARKS)
-        if entry is None:
-            problem = "it has no marks, so which samples belong to which angle isn't known"
-            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {WHAT}`")
-        options = ServoMarksConfig.model_validate(entry.options)
+        mark, options = ChannelMap.marked(layout, place, ServoMarksConfig, "which angle", self.name)
         where = words(layout, [f"{options.signal}[{name}]" for name in options.joints], place)
-        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, where)
+        return ChannelMap(layout, mark, options, where)
 
     def ready(self, channel_map: ChannelMap) -> None:
         if (channel_map.options.device, channel_map.options.driver) != (self._device, self._driver_name):
@@ -284,12 +271,6 @@ class ServoMethod(Method[ChannelMap, Result]):
         homes = None if self._measures else [float(joint.home or 0.0) for joint in self._joints.values()]
         update = {"plan": self._plan, "thresholds": self._thresholds, "home": homes}
         return replace(older, options=older.options.model_copy(update=update))
-
-    def ended(self, samples: Samples) -> Samples:
-        marks = samples.marks.copy()
-        if len(marks) and FIRST < marks[-1] < LEFT_OUT:
-            marks[stretch_of(marks, marks[-1])] = 0
-        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         options = ServoMarksConfig.model_validate({k: v for k, v in self._marks().items() if k not in ("use", "name")})

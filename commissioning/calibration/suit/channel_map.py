@@ -17,7 +17,7 @@ from srl.runtime.profile.profile import Profile
 
 
 class SuitMarks(Protocol):
-    """What is used of the marks' law's options: who, and the signals of each joint, in request."""
+    """What is used of the marks' law's options: who, and the signals of each joint, in order."""
 
     @property
     def person(self) -> str: ...
@@ -32,7 +32,7 @@ Marks = TypeVar("Marks", bound=SuitMarks)
 
 @dataclass(frozen=True)
 class SuitChannelMap(RunChannels, Generic[Marks]):
-    """Attributes: the marks' `law`, its `options`; `rotation` (4 n,), `translation` (3 n,) of its joints in request."""
+    """Attributes: the marks' `law`, its `options`; `rotation` (4 n,), `translation` (3 n,) of its joints in order."""
 
     law: str
     options: Marks

@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.commissioning.calibration import device_cut
-from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, kept, settings
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
+from srl.commissioning.calibration.run_channels import MarkedChannels, words
 from srl.commissioning.calibration.suit import report as suit_report
 from srl.commissioning.calibration.suit.fit import Thresholds, fit, refusals
 from srl.commissioning.calibration.suit.procedure import Procedure
 from srl.commissioning.calibration.suit.report import Result
 from srl.commissioning.calibration.suit.samples import Plan, Samples, SuitMarksConfig, joined, stands
 from srl.commissioning.calibration.suit.segments import SuitError, segments
-from srl.runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
+from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError
+from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.suit_record import FORMAT, SuitRecord
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.profile.graph import Graph
@@ -37,25 +37,16 @@ _BODY: Final = "body"
 
 
 @dataclass(frozen=True)
-class ChannelMap(RunChannels):
+class ChannelMap(MarkedChannels):
     """What is read of a suit. Attributes: `options` of the marks' law; `rotation` (4 n,), of its segments."""
 
+    law = MARKS
     options: SuitMarksConfig
     rotation: NDArray[np.intp]
 
-    @property
-    def person(self) -> str:
-        return self.options.person
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
-
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        rows = rows[self.active(rows)]
-        floats = self.floats(rows)
-        rotation = floats[:, self.rotation].reshape(len(rows), -1, 4)
-        return Samples(self.times(rows), rotation, self.marks(floats))
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+        rotation = floats[:, self.rotation].reshape(len(floats), -1, 4)
+        return Samples(times, rotation, marks)
 
 
 class SuitMethod(Method[ChannelMap, Result]):
@@ -122,13 +113,9 @@ class SuitMethod(Method[ChannelMap, Result]):
         }  # fmt: skip
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        _, entry = marks_law(layout, place, MARKS)
-        if entry is None:
-            problem = "it has no marks, so which samples belong to which stand isn't known"
-            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {NAME}`")
-        options = SuitMarksConfig.model_validate(entry.options)
+        mark, options = ChannelMap.marked(layout, place, SuitMarksConfig, "which stand", self.name)
         rotation = words(layout, [f"{options.signal}[{name}]" for name in options.segments], place)
-        return ChannelMap(layout, layout.fields[f"{MARKS}.mark"].offset, options, rotation)
+        return ChannelMap(layout, mark, options, rotation)
 
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return False  # a drift is seen within one session
@@ -138,12 +125,6 @@ class SuitMethod(Method[ChannelMap, Result]):
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         update = {"plan": self._plan, "thresholds": self._thresholds}
         return replace(older, options=older.options.model_copy(update=update))
-
-    def ended(self, samples: Samples) -> Samples:
-        marks = samples.marks.copy()
-        if len(marks) and marks[-1] > 0:
-            marks[stretch_of(marks, marks[-1])] = 0
-        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         made, _ = self.cut(self.request.person or "P0")

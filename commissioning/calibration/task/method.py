@@ -24,7 +24,7 @@ from srl.commissioning.calibration.profile_subset import elements, subset_for
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.suit.channel_map import SuitChannelMap
 from srl.commissioning.calibration.task.procedure import Plan, Procedure
-from srl.commissioning.calibration.task.samples import IDLE, SHOWN, Samples, TaskMarksConfig
+from srl.commissioning.calibration.task.samples import SHOWN, Samples, TaskMarksConfig
 from srl.control.operation.demonstration import TaskError, TaskPath, Thresholds, path_of
 from srl.control.operation.reach import MOST, Reach
 from srl.control.operation.record import FORMAT, TaskRecord
@@ -73,6 +73,7 @@ class TaskMethod(Method[ChannelMap, Result]):
 
     law, option, record_type, error = LAW, "task", TaskRecord, TaskError
     thing = "tasks"
+    counted = range(SHOWN, SHOWN + 1)
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(request, checked, source, target, say)
@@ -97,12 +98,6 @@ class TaskMethod(Method[ChannelMap, Result]):
     def take(self, older: ChannelMap) -> ChannelMap:
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
-
-    def ended(self, samples: Samples) -> Samples:
-        marks = samples.marks.copy()
-        if len(marks) and marks[-1] == SHOWN:
-            marks[stretch_of(marks, SHOWN)] = IDLE
-        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         return Procedure(self._plan, bool(before))
