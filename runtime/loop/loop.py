@@ -151,7 +151,7 @@ class Loop:
 
 
 def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
-    """In each cycle of a stop, tells the devices that stop by themselves to do so. Returns those that are still there."""
+    """In each cycle of a stop, tells the devices that stop by themselves to do so. Returns those still there."""
     if cycle.machine.state not in _STOPS:
         return []
     reported = []
