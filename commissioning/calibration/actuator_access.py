@@ -15,7 +15,7 @@ from srl.commissioning.calibration.keyed import Keyed
 from srl.commissioning.calibration.panel import NO_JOINT, PanelScreen
 from srl.commissioning.calibration.servos.procedure import Procedure
 from srl.commissioning.calibration.sources import Rows, RowSource, Tap
-from srl.commissioning.jog.profile_subset import Cut
+from srl.commissioning.jog.profile_subset import ProfileSubset
 from srl.commissioning.jog.session import Session
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.ipc.ring import RingReader
@@ -37,13 +37,13 @@ class Drive(RowSource):
     moves = True
 
     def __init__(
-        self, cut: Cut, tap: Tap[Any], name: str, record: Path | None, view: bool, screen: Keyed | PanelScreen,
-        report: Callable[[str], None], sim: bool = False,
+        self, subset: ProfileSubset, tap: Tap[Any], name: str, record: Path | None, view: bool,
+        screen: Keyed | PanelScreen, report: Callable[[str], None], sim: bool = False,
     ) -> None:  # fmt: skip
         """Starts it and waits until it runs.
 
         Args:
-            cut: what `srl jog` would run, and the marks' law.
+            subset: what `srl jog` would run, and the marks' law.
             tap: where its signals are.
             name: the instance's.
             record: file of the recording.
@@ -59,9 +59,9 @@ class Drive(RowSource):
         self._panel = screen if isinstance(screen, PanelScreen) else None
         self._report = report
         self._rows: RingReader | None = None
-        arm = arming.automatic(cut.graph, False)
+        arm = arming.automatic(subset.graph, False)
         self._session = Session(
-            cut, name, sim, arm, False, report, panel=keyed is None, face=keyed, record=record, view=view
+            subset, name, sim, arm, False, report, panel=keyed is None, face=keyed, record=record, view=view
         )
         self._turns = self._session.turns()
         self._over = False
@@ -71,7 +71,7 @@ class Drive(RowSource):
             supervisor = self._session.supervisor
             assert supervisor is not None
             assert supervisor.layout is not None
-            self.channel_map = tap(supervisor.layout, cut.source.label)
+            self.channel_map = tap(supervisor.layout, subset.source.label)
             self._mark = [p["name"] for p in supervisor.layout.meta["parameters"]].index(self.channel_map.parameter)
             self._rows = RingReader(supervisor.run_folder.rows, width=supervisor.layout.width)
         except BaseException:

@@ -84,7 +84,7 @@ class Method(ABC, Generic[T, R]):
         return named(checked, source, cls)
 
     @abstractmethod
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         """The part of the profile that the calibration needs. Raises ProfileError, WiringError."""
 
     def simulated(self, made: Profile, text: Source) -> RowSource:

@@ -37,7 +37,7 @@ def find(checked: Profile, source: Source, use: str = LAW) -> int:
     return found[0]
 
 
-def cut(
+def subset(
     checked: Profile,
     source: Source,
     person: str,

@@ -74,7 +74,7 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
         _, before, _ = _recorded(method, request.before or ())
     elif request.before:
         raise RequestError("--from", "it goes with --redo", f"Say which {method.thing}: --redo 3")
-    made, text = method.cut(request.person or "")
+    made, text = method.subset(request.person or "")
     procedure = method.procedure(before)
     for number in request.redo or ():
         if answer := procedure.redo(number):

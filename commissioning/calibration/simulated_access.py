@@ -16,7 +16,7 @@ import numpy as np
 from srl.commissioning.calibration.servos.procedure import Procedure
 from srl.commissioning.calibration.sources import LOOK, RowFile, Rows, RowSource, Tap
 from srl.commissioning.jog.hold import FINE, PAUSE, Hold
-from srl.commissioning.jog.profile_subset import PRESS, WAY, Cut
+from srl.commissioning.jog.profile_subset import PRESS, WAY, ProfileSubset
 from srl.commissioning.jog.session import FRESH
 from srl.control.setpoint.jog import HOLD, REST
 from srl.runtime.contracts.errors import ProfileError
@@ -39,24 +39,26 @@ _TIMEOUT: Final = 90.0  # s, for one angle
 class SimulatedDrive(RowSource):
     """Rows in lockstep, as fast as it goes."""
 
-    def __init__(self, cut: Cut, tap: Tap[Any], report: Callable[[str], None], record: Path | None = None) -> None:
+    def __init__(
+        self, subset: ProfileSubset, tap: Tap[Any], report: Callable[[str], None], record: Path | None = None
+    ) -> None:
         """Raises SrlError: the system can't be built, or its simulated joints can't be seen."""
-        self._graph = cut.graph
+        self._graph = subset.graph
         self._graph.layout.meta["wall"] = time.time_ns()
-        self.channel_map = tap(self._graph.layout, cut.source.label)
+        self.channel_map = tap(self._graph.layout, subset.source.label)
         self._lockstep = Lockstep(self._graph, report)
-        self._period = 1.0 / float(cut.profile.rate)
+        self._period = 1.0 / float(subset.profile.rate)
         self._count = max(round(LOOK / self._period), 1)
-        self._hold = Hold(tuple(cut.speed), max(FRESH, 1.5 * self._period))
-        least = HOLD * FINE * max(cut.speed.values())  # rad, that a joint moves at least
+        self._hold = Hold(tuple(subset.speed), max(FRESH, 1.5 * self._period))
+        least = HOLD * FINE * max(subset.speed.values())  # rad, that a joint moves at least
         self._person = _Person(self._hold, max(_THERE, 0.6 * least))
-        self._fake = self._graph.devices[cut.actuator.device]
-        self._applied: Array = cut.actuator.applied
+        self._fake = self._graph.devices[subset.actuator.device]
+        self._applied: Array = subset.actuator.applied
         row = self._graph.row
         self._terminal = row.devices[self._graph.layout.devices.index("terminal")]
         self._terminal[DEVICE.link] = LINK_CONNECTED
         self._procedure: Procedure | None = None
-        self._place = cut.source.place("sim")
+        self._place = subset.source.place("sim")
         self._file = None if record is None else RowFile(self._graph.layout, record)
         self._looks()
 

@@ -35,7 +35,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Runs until q, a signal or the loss of the terminal. Returns 0, or 1 after a fault."""
-    from srl.commissioning.jog.profile_subset import cut
+    from srl.commissioning.jog.profile_subset import subset
     from srl.commissioning.jog.session import Session
     from srl.runtime.cli.check import check_certificates, check_guards
     from srl.runtime.cli.console import Console
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.panel and args.step:
         raise RequestError("--step", "it is for a terminal's keys", "Leave out --step, or --panel")
-    made = cut(*profile.load(args.profile, args.set), args.device, args.speed, args.sim, args.panel)
+    made = subset(*profile.load(args.profile, args.set), args.device, args.speed, args.sim, args.panel)
     check_guards(made.graph)
     check_certificates(made.graph)
     name = args.instance or made.profile.name

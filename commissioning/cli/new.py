@@ -195,7 +195,7 @@ def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
 
 def _jogs(graph: Graph, name: str) -> Iterator[str]:
     """The commands that move each limb alone, which shows what no check can know: which joint is which, which way."""
-    from srl.commissioning.jog.profile_subset import SPEED, cut
+    from srl.commissioning.jog.profile_subset import SPEED, subset
 
     names = {actuator.name: graph.devices[actuator.device].name for actuator in graph.actuators}
     several = len(set(names.values())) > 1
@@ -203,7 +203,7 @@ def _jogs(graph: Graph, name: str) -> Iterator[str]:
         limits = graph.profile.guard.get(command)
         alone = [f"guard.{command}.clear=null"] if limits is not None and limits.clear is not None else []
         with contextlib.suppress(SrlError):  # such as one of torques
-            cut(*profile.load(name, alone), device, SPEED, sim=False)
+            subset(*profile.load(name, alone), device, SPEED, sim=False)
             line = f"srl jog {shlex.quote(name)}" + f" {device}" * several
             yield line + "".join(f" --set {each}  # nobody wears it or is near it" for each in alone)
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.commissioning.jog.profile_subset import Cut
+from srl.commissioning.jog.profile_subset import ProfileSubset
 from srl.commissioning.jog.screen import MOVES, Joint, View
 from srl.runtime.contracts.signals import Array, Kind
 from srl.runtime.contracts.terms import POSITION_OF
@@ -22,19 +22,19 @@ _LOADS: Final = ("effort", "torque", "force", "load", "current")
 class Panel:
     """Makes views of rows."""
 
-    def __init__(self, cut: Cut, layout: Layout, instance: str) -> None:
+    def __init__(self, subset: ProfileSubset, layout: Layout, instance: str) -> None:
         """`layout` is the run's own, with the limits that its devices gave."""
-        self._cut, self._layout = cut, layout
-        self._actuator = cut.actuator
-        device = cut.graph.devices[cut.actuator.device].name
+        self._subset, self._layout = subset, layout
+        self._actuator = subset.actuator
+        device = subset.graph.devices[subset.actuator.device].name
         self._started = False  # before that nothing is commanded
-        self._title = f"srl jog {instance}: {device}" + " (simulated)" * (device in cut.graph.simulated)
-        self._names = tuple(cut.speed)
-        feedback = cut.actuator.command.feedback
+        self._title = f"srl jog {instance}: {device}" + " (simulated)" * (device in subset.graph.simulated)
+        self._names = tuple(subset.speed)
+        feedback = subset.actuator.command.feedback
         self._feedback = f"{device}.{feedback}" if feedback is not None else None
         fields = layout.fields
         self._load = next((name for short in _LOADS if (name := f"{device}.{short}") in fields), None)
-        limits = layout.meta.get("limits", {}).get(cut.actuator.name, {})
+        limits = layout.meta.get("limits", {}).get(subset.actuator.name, {})
         self._lower, self._upper = (np.ravel(limits.get(key, [])) for key in ("lower", "upper"))
 
     def view(self, row: Any, chosen: int, output: Sequence[str]) -> View:
@@ -45,8 +45,8 @@ class Panel:
         actual, load = self._of(row, self._feedback), self._of(row, self._load)
         joints = [
             Joint(
-                name, self._cut.units[name], actual[name], commanded[name], _at(self._lower, i), _at(self._upper, i),
-                self._cut.speed[name], load[name],
+                name, self._subset.units[name], actual[name], commanded[name], _at(self._lower, i), _at(self._upper, i),
+                self._subset.speed[name], load[name],
             )
             for i, name in enumerate(self._names)
         ]  # fmt: skip

@@ -40,7 +40,7 @@ _DROPPED: Final = ("setpoints", "reset", "record", "bus")
 
 
 @dataclass(frozen=True)
-class Cut:
+class ProfileSubset:
     """The cut profile.
 
     Attributes:
@@ -61,7 +61,9 @@ class Cut:
     left_out: tuple[str, ...]
 
 
-def cut(checked: Profile, source: Source, device: str | None, speed: float, sim: bool, panel: bool = False) -> Cut:
+def subset(
+    checked: Profile, source: Source, device: str | None, speed: float, sim: bool, panel: bool = False
+) -> ProfileSubset:
     """Cuts a profile to one device.
 
     Args:
@@ -103,7 +105,7 @@ def cut(checked: Profile, source: Source, device: str | None, speed: float, sim:
     made, own = _part(checked, source, {name, *(owners[i] for i in stays)}, name, stays, law, sim)
     graph = wiring.build(made, own, [] if sim else None)
     (actuator,) = graph.actuators
-    return Cut(made, own, graph, actuator, speeds, _units(command), left_out)
+    return ProfileSubset(made, own, graph, actuator, speeds, _units(command), left_out)
 
 
 def _driver(parts: Builder, name: str) -> Driver:

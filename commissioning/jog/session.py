@@ -15,7 +15,7 @@ import numpy as np
 from srl.commissioning.jog.hold import Hold
 from srl.commissioning.jog.panel import Panel
 from srl.commissioning.jog.presses import Presses
-from srl.commissioning.jog.profile_subset import PRESS, WAY, Cut
+from srl.commissioning.jog.profile_subset import PRESS, WAY, ProfileSubset
 from srl.commissioning.jog.screen import View, lines
 from srl.commissioning.jog.terminal import Terminal
 from srl.runtime.contracts.files import encoded
@@ -66,12 +66,12 @@ class Session:
     """
 
     def __init__(
-        self, cut: Cut, name: str, sim: bool, arm: tuple[bool, str], step: bool, say: Callable[[str], None],
-        panel: bool = False, face: Face | None = None, record: Path | None = None, view: bool = False,
+        self, subset: ProfileSubset, name: str, sim: bool, arm: tuple[bool, str], step: bool,
+        say: Callable[[str], None], panel: bool = False, face: Face | None = None, record: Path | None = None, view: bool = False,
     ) -> None:  # fmt: skip
         """
         Args:
-            cut: the profile.
+            subset: the profile.
             name: the instance's.
             sim: all is simulated, in real time.
             arm: whether motion may begin without a start, and what is said if not.
@@ -87,11 +87,11 @@ class Session:
         self.desk: Desk | None = None
         self.code = 0
         self._panel = panel
-        self._cut, self._name, self._sim, self._say = cut, name, sim, say
+        self._subset, self._name, self._sim, self._say = subset, name, sim, say
         # Somebody has to read that a switch can't stop this run.
-        self._automatic, self._advice = arm[0] and not cut.left_out, arm[1]
-        fresh = max(FRESH, 1.5 / float(cut.profile.rate))
-        self.hold = Hold(tuple(cut.speed), fresh, step)
+        self._automatic, self._advice = arm[0] and not subset.left_out, arm[1]
+        fresh = max(FRESH, 1.5 / float(subset.profile.rate))
+        self.hold = Hold(tuple(subset.speed), fresh, step)
         self._reported: deque[str] = deque(maxlen=_KEPT)
         self.why = ""
         self.interrupted = False
@@ -119,7 +119,7 @@ class Session:
             SrlError: it can't begin.
         """
         where, state = RunFolder.of(self._name), state_dir(self._name)
-        terminal = Presses(where, len(self._cut.speed), self.hold) if self._panel else Terminal()
+        terminal = Presses(where, len(self._subset.speed), self.hold) if self._panel else Terminal()
         with EndSignals() as signals:
             where.claim()
             where.press_socket.unlink(missing_ok=True)  # of a run that was killed: the panel would believe it
@@ -131,7 +131,7 @@ class Session:
                 if not self._sim:  # only what stopped a real limb outlives its run
                     kept = PersistentLatches(state, self._say)
                 found = [] if kept is None else latches.names(kept.latches)
-                source = self._cut.source
+                source = self._subset.source
                 launch = Launch(
                     source.label, source.text, list(source.overrides), str(source.files.folder),
                     encoded(source.files.kept), [] if self._sim else None, False, None, self._automatic, found,
@@ -209,10 +209,10 @@ class Session:
         assert supervisor.layout is not None
         assert supervisor.rows is not None
         self.desk = desk = Desk(supervisor, self.hold)
-        panel = Panel(self._cut, supervisor.layout, self._name)
+        panel = Panel(self._subset, supervisor.layout, self._name)
         if self._advice:
             self._report(self._advice)
-        for name in self._cut.left_out:
+        for name in self._subset.left_out:
             self._report(f"left out: the emergency input '{name}' can't stop this run")
         drawn, row = 0.0, None
         try:

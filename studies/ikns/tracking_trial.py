@@ -50,8 +50,8 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
     """
     dofs, thresholds = ("swivel",), Thresholds()
     checked, source = worn(text, parameters["set"], seed)
-    made, cut = profile_subset.cut(checked, source, parameters["person"], dofs, thresholds, sim=True)
-    simulated = Simulated(made, cut, channel_map, lambda _: None)
+    made, subset = profile_subset.subset(checked, source, parameters["person"], dofs, thresholds, sim=True)
+    simulated = Simulated(made, subset, channel_map, lambda _: None)
     seconds = 0.0
 
     def over() -> bool:

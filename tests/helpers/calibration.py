@@ -10,7 +10,7 @@ import numpy as np
 from srl.commissioning.calibration.ikns.channel_map import ChannelMap, channel_map
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.steps import Kind, Step
-from srl.commissioning.calibration.profile_subset import build, cut
+from srl.commissioning.calibration.profile_subset import build, subset
 from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.control.ikns.calibration import Thresholds
 from srl.runtime.contracts.signals import Array
@@ -115,7 +115,7 @@ class Actor(RowSource):
     channel_map: ChannelMap
 
     def __init__(self, dofs: tuple[str, ...] = ("swivel",), person: Person | None = None) -> None:
-        made = cut(*profile.parse("worn-finger.yaml", PROFILE), "P07", dofs, FEW)
+        made = subset(*profile.parse("worn-finger.yaml", PROFILE), "P07", dofs, FEW)
         self.graph = build(*made, sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["mocap"]  # it stands for the simulated wearer

@@ -63,7 +63,7 @@ class Electrodes(RowSource):
         method = EmgMethod(
             CalibrationRequest("worn.yaml", "emg", option=option), checked, source, Path("p07.json"), lambda _: None
         )
-        self.graph = build(*method.cut(person), sim=False)
+        self.graph = build(*method.subset(person), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["emg"]
         self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")

@@ -80,7 +80,7 @@ class Leader(RowSource):
         method = FrameMethod(
             CalibrationRequest("cell.yaml", "frames", option=option), checked, source, Path("arm.json"), lambda _: None
         )  # fmt: skip
-        self.graph = build(*method.cut(""), sim=False)
+        self.graph = build(*method.subset(""), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = list(self.graph.layout.devices)
         self.channel_map = method.channel_map(self.graph.layout, "cell.yaml")

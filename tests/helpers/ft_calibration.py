@@ -48,7 +48,7 @@ class Turner(RowSource):
         method = FtMethod(
             CalibrationRequest("led.yaml", "ft", option=option), checked, source, Path("handle.json"), lambda _: None
         )
-        self.graph = build(*method.cut(""), sim=False)
+        self.graph = build(*method.subset(""), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["sensor"]
         self.channel_map = method.channel_map(self.graph.layout, "led.yaml")

@@ -55,7 +55,7 @@ class Gloved(RowSource):
         checked, source = profile.parse("worn.yaml", PROFILE, settings)
         order = CalibrationRequest("worn.yaml", "glove", option=option)
         method = GloveMethod(order, checked, source, Path("p07.json"), lambda _: None)
-        self.graph = build(*method.cut(person), sim=False)
+        self.graph = build(*method.subset(person), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["glove"]
         self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")

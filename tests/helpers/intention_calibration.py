@@ -61,7 +61,7 @@ class Pretender(RowSource):
         checked, source = profile.parse("suit.yaml", PROFILE)
         order = CalibrationRequest("suit.yaml", "intention", "P07", actions=actions, option=option)
         method = IntentionMethod(order, checked, source, Path("p07.json"), lambda _: None)
-        self.graph = build(*method.cut("P07"), sim=False)
+        self.graph = build(*method.subset("P07"), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["suit"]
         self.channel_map = method.channel_map(self.graph.layout, "suit.yaml")

@@ -61,7 +61,7 @@ class Suited(RowSource):
             CalibrationRequest("worn.yaml", "suit", option=option), checked, source, Path("p07.json"), lambda _: None
         )
         self.method = method
-        self.graph = build(*method.cut(person), sim=False)
+        self.graph = build(*method.subset(person), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["suit"]
         self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")

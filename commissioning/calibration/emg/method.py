@@ -80,7 +80,7 @@ class EmgMethod(Method[ChannelMap, Result]):
             raise WiringError(place, problem, "Add `samples: emg.samples` and `count: emg.count`")
         return owners.pop()
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, person, self._device, self._plan, self._thresholds)
         return subset_for(
             self.checked,

@@ -98,7 +98,7 @@ class FrameMethod(Method[ChannelMap, Result]):
         given = {device: checked.devices[device].options.get("serial") for device in self._devices}
         self._serials = {device: str(serial) for device, serial in given.items() if serial is not None}
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         return subset_of_devices(
             self.checked, self.source, set(self._devices), self._marks, self.request.sim, self._silent
         )  # fmt: skip

@@ -80,7 +80,7 @@ class FtMethod(Method[ChannelMap, Result]):
             raise ProfileError(self.source.place(f"devices.{device}.bias"), problem, "Leave `bias: true` out")
         return device
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, self._plan, self._thresholds)
         return subset_for(self.checked, self.source, LAW, ("wrench",), marks, self.request.sim, ("wrench",), self._held)
 

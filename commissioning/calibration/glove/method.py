@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration import device_cut
+from srl.commissioning.calibration import calibrated_device
 from srl.commissioning.calibration.glove import report as glove_report
 from srl.commissioning.calibration.glove.fit import GloveError, Thresholds, fit, refusals
 from srl.commissioning.calibration.glove.procedure import Procedure
@@ -60,7 +60,7 @@ class GloveMethod(Method[ChannelMap, Result]):
         super().__init__(request, checked, source, target, say)
         found = _settings(request)
         self._plan, self._angles, self._thresholds = found["plan"], found["angles"], found["thresholds"]
-        self._device = device_cut.device(checked, source, NAME, self._plan.device)
+        self._device = calibrated_device.device(checked, source, NAME, self._plan.device)
         if target.suffix == VENDORS:
             problem = f"the glove's driver takes what ends in '{VENDORS}' for the vendor's file"
             raise RequestError("-o", problem, "Name another: -o p07.json")
@@ -68,9 +68,9 @@ class GloveMethod(Method[ChannelMap, Result]):
     @classmethod
     def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         chosen = _settings(request)["plan"].device
-        return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
+        return calibrated_device.named(checked, source, calibrated_device.device(checked, source, NAME, chosen))
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         def marks(graph: Graph) -> dict[str, Any]:
             return self._marks(person, graph)
 
@@ -158,7 +158,7 @@ class GloveMethod(Method[ChannelMap, Result]):
         return Procedure(self._sensors(), self._plan, self._angles, self._thresholds, bool(before))
 
     def _sensors(self) -> tuple[str, ...]:
-        made, _ = self.cut(self.request.person or "P0")
+        made, _ = self.subset(self.request.person or "P0")
         (entry,) = made.controllers
         return tuple(entry.options["sensors"])
 

@@ -52,14 +52,14 @@ class IknsMethod(Method[ChannelMap, Result]):
         file = named(checked, source, type(self))
         self._directions = Directions(request.direction, [target, *([] if file is None else [file])])
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
-        return profile_subset.cut(self.checked, self.source, person, self._dofs, self._thresholds, self.request.sim)
+    def subset(self, person: str) -> tuple[Profile, Source]:
+        return profile_subset.subset(self.checked, self.source, person, self._dofs, self._thresholds, self.request.sim)
 
     def channel_map(self, layout: Layout, place: str) -> ChannelMap:
         own: MarksConfig | None = None
         if self.request.person is not None:  # a plain run's recording doesn't say whose it is
             dofs = self._named or ("swivel",)
-            made, _ = profile_subset.cut(self.checked, self.source, self.request.person, dofs, self._thresholds)
+            made, _ = profile_subset.subset(self.checked, self.source, self.request.person, dofs, self._thresholds)
             own = MarksConfig.model_validate(made.controllers[-1].options)
         return channel_map(layout, place, own)
 

@@ -67,7 +67,7 @@ class IntentionMethod(Method[ChannelMap, Result]):
         if len(self._actions) < 2:
             raise RequestError("--actions", "one alone can't be told from others", "Name two or more")
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         marks = partial(_marks, person, self._actions, self._thresholds)
         return subset_for(self.checked, self.source, LAW, ("rotation", "translation"), marks, self.request.sim)
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration import device_cut
+from srl.commissioning.calibration import calibrated_device
 from srl.commissioning.calibration.actuator_access import Drive
 from srl.commissioning.calibration.keyed import Keyed
 from srl.commissioning.calibration.method import Method, Say, kept, settings
@@ -38,8 +38,8 @@ from srl.commissioning.calibration.servos.samples import (
 )  # fmt: skip
 from srl.commissioning.calibration.simulated_access import SimulatedDrive
 from srl.commissioning.calibration.sources import RowSource
-from srl.commissioning.jog.profile_subset import Cut
-from srl.commissioning.jog.profile_subset import cut as jog_cut
+from srl.commissioning.jog.profile_subset import ProfileSubset
+from srl.commissioning.jog.profile_subset import subset as jog_subset
 from srl.runtime.contracts import registry, servo_record
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import RequestError, SrlError, WiringError
@@ -91,7 +91,7 @@ class ServoMethod(Method[ChannelMap, Result]):
         super().__init__(request, checked, source, target, say)
         found = _settings(request)
         self._plan, self._thresholds = found["plan"], found["thresholds"]
-        self._device = device_cut.device(checked, source, WHAT, self._plan.device)
+        self._device = calibrated_device.device(checked, source, WHAT, self._plan.device)
         driver = self._driver(without_file=True)
         place = source.place(f"devices.{self._device}")
         if not driver.commands or driver.commands[0].kind is not Kind.POSITION:
@@ -109,7 +109,7 @@ class ServoMethod(Method[ChannelMap, Result]):
     @classmethod
     def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         chosen = _settings(request)["plan"].device
-        return device_cut.named(checked, source, device_cut.device(checked, source, WHAT, chosen))
+        return calibrated_device.named(checked, source, calibrated_device.device(checked, source, WHAT, chosen))
 
     # -- the cut profile
 
@@ -204,9 +204,9 @@ class ServoMethod(Method[ChannelMap, Result]):
         return self.checked.devices[self._device].driver
 
     @cached_property
-    def driven(self) -> Cut:
+    def driven(self) -> ProfileSubset:
         """What `srl jog` would run of the profile, and the marks' law. Raises SrlError."""
-        made = jog_cut(*self._bare(), self._device, self._plan.speed, self.request.sim, self.request.panel)
+        made = jog_subset(*self._bare(), self._device, self._plan.speed, self.request.sim, self.request.panel)
         plain, _ = profile.tree(made.source.label, made.source.text, made.source.overrides, made.source.files)
         plain["controllers"].append(self._marks())
         for part in ((plain.get("sim") or {}).get("parts") or {}).values():
@@ -217,7 +217,7 @@ class ServoMethod(Method[ChannelMap, Result]):
         (actuator,) = graph.actuators
         return replace(made, profile=own, source=text, graph=graph, actuator=actuator)
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         return self.driven.profile, self.driven.source
 
     def _marks(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration import device_cut
+from srl.commissioning.calibration import calibrated_device
 from srl.commissioning.calibration.method import Method, Say, kept, settings
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
@@ -60,7 +60,7 @@ class SuitMethod(Method[ChannelMap, Result]):
         super().__init__(request, checked, source, target, say)
         found = settings(request, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
-        self._device = device_cut.device(checked, source, NAME, self._plan.device)
+        self._device = calibrated_device.device(checked, source, NAME, self._plan.device)
         if request.redo:
             problem = "a drift is seen within one session, without a break"
             raise RequestError("--redo", problem, "Begin anew; within a session, type r N")
@@ -70,9 +70,9 @@ class SuitMethod(Method[ChannelMap, Result]):
     @classmethod
     def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         chosen = settings(request, {"plan": Plan, "thresholds": Thresholds})["plan"].device
-        return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
+        return calibrated_device.named(checked, source, calibrated_device.device(checked, source, NAME, chosen))
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         def marks(graph: Graph) -> dict[str, Any]:
             return self._marks(person, graph)
 
@@ -127,7 +127,7 @@ class SuitMethod(Method[ChannelMap, Result]):
         return replace(older, options=older.options.model_copy(update=update))
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
-        made, _ = self.cut(self.request.person or "P0")
+        made, _ = self.subset(self.request.person or "P0")
         (entry,) = made.controllers
         return Procedure(entry.options["segments"], entry.options["parents"], self._plan, self._thresholds)
 

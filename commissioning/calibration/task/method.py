@@ -80,7 +80,7 @@ class TaskMethod(Method[ChannelMap, Result]):
         found = settings(request, {"plan": Plan, "thresholds": Thresholds})
         self._plan, self._thresholds = found["plan"], found["thresholds"]
 
-    def cut(self, person: str) -> tuple[Profile, Source]:
+    def subset(self, person: str) -> tuple[Profile, Source]:
         reads = ("rotation", "translation")
         marks = partial(_marks, person, self._thresholds)
         return subset_for(self.checked, self.source, LAW, reads, marks, self.request.sim, reads)

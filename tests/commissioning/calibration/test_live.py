@@ -19,7 +19,7 @@ from srl.commissioning.calibration.ikns.channel_map import channel_map
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.result import compute, write
 from srl.commissioning.calibration.live import Live
-from srl.commissioning.calibration.profile_subset import build, cut
+from srl.commissioning.calibration.profile_subset import build, subset
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import Rows, RowSource, recorded
 from srl.control.ikns.calibration import Thresholds
@@ -57,7 +57,7 @@ class Led(RowSource):
 def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    world_of = build(*cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True), sim=True)
+    world_of = build(*subset(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True), sim=True)
     (fake,) = world_of.devices
     world = world_of.world
     assert isinstance(fake, FakeVicon)
@@ -79,7 +79,7 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
     try:
         with repeating(turn, 0.002):
             text = PROFILE.replace("tcp://192.168.10.1:801", twin.address)
-            made, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
+            made, source = subset(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
             live = Live(source, channel_map, made.name, tmp_path / "live.rrd", False, lines.append)
             led = Led(live, reported)
             guide = Guide(led, Procedure(("swivel",), FEW, PLAN), Plain(lines.append), lambda: False)
@@ -106,7 +106,7 @@ def test_a_run_that_doesnt_start_says_why(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
     text = PROFILE.replace("tcp://192.168.10.1:801", "tcp://127.0.0.1:9")
-    _, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
+    _, source = subset(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
     with pytest.raises(Exception, match="mocap"):
         Live(source, channel_map, "worn", None, False, lambda text: None)
     assert running() == []
@@ -115,7 +115,7 @@ def test_a_run_that_doesnt_start_says_why(tmp_path: Path, monkeypatch: pytest.Mo
 def started(folder: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> Live:
     for name, value in environment(folder).items():
         monkeypatch.setenv(name, value)
-    _, source = cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True)
+    _, source = subset(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True)
     return Live(source, channel_map, "worn", None, False, lines.append, sim=True)
 
 

@@ -57,7 +57,7 @@ def test_a_worn_glove_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
     hidden = {n: {"gain": float(GAIN[i]), "offset": float(OFFSET[i])} for i, n in enumerate(NAMES[:19])}
     simulated = method(PROFILE, True, f"sim.devices.glove.characteristic={json.dumps(hidden)}")
-    graph = build(*simulated.cut("P07"), sim=True)
+    graph = build(*simulated.subset("P07"), sim=True)
     (fake,) = graph.devices
     world = graph.world
     assert isinstance(fake, FakeCyberGlove)
@@ -79,7 +79,7 @@ def test_a_worn_glove_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.Mon
     try:
         with repeating(turn, 0.005):
             made = method(PROFILE.replace("/dev/ttyUSB0", twin.address), False)
-            checked, source = made.cut("P07")
+            checked, source = made.subset("P07")
             assert list(checked.devices) == ["glove"]
             live = Live(source, made.channel_map, checked.name, tmp_path / "live.rrd", False, lines.append)
             led = Led(live, reported)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from helpers.calibration import FEW, PROFILE
 
-from srl.commissioning.calibration.profile_subset import MARKS, _build, build, cut
+from srl.commissioning.calibration.profile_subset import MARKS, _build, build, subset
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.errors import ProfileError, SrlError, WiringError
@@ -22,13 +22,13 @@ from srl.runtime.profile.profile import Profile
 
 
 def made(text: str, sim: bool = False, dofs: tuple[str, ...] = ("swivel",)) -> Profile:
-    return cut(*profile.parse("worn.yaml", text), "P07", dofs, FEW, sim)[0]
+    return subset(*profile.parse("worn.yaml", text), "P07", dofs, FEW, sim)[0]
 
 
 @pytest.mark.parametrize("sim", [False, True])
 def test_only_what_the_law_reads_is_left(sim: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # where no p07.json is
-    checked, source = cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim)
+    checked, source = subset(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim)
     assert list(checked.devices) == ["mocap"]
     assert [entry.use for entry in checked.controllers] == ["arm-angles", MARKS]
     assert checked.bus is None
@@ -117,12 +117,12 @@ def test_a_path_that_was_typed_begins_where_srl_runs(tmp_path: Path, monkeypatch
     typed = "devices.mocap={driver: replay, device: mocap, recording: rel.rrd}"
     checked, source = profile.parse("worn.yaml", PROFILE, [typed], Files(tmp_path / "there"))
     with pytest.raises(SrlError, match=f"{tmp_path}/rel.rrd"):
-        cut(checked, source, "P07", ("swivel",), FEW)
+        subset(checked, source, "P07", ("swivel",), FEW)
 
 
 def test_what_was_typed_stays_what_it_was() -> None:
     typed = ["devices.mocap.port=tcp://10.0.0.1:801", "devices.mocap.markers.clav='wearer/on #1'"]
-    checked, source = cut(*profile.parse("worn.yaml", PROFILE, typed), "P07", ("swivel",), FEW)
+    checked, source = subset(*profile.parse("worn.yaml", PROFILE, typed), "P07", ("swivel",), FEW)
     assert checked.devices["mocap"].options["port"] == "tcp://10.0.0.1:801"
     assert checked.devices["mocap"].options["markers"]["clav"] == "wearer/on #1"
     assert profile.parse(source.label, source.text, source.overrides)[0] == checked
@@ -134,11 +134,11 @@ def test_an_error_in_the_cut_profile_is_at_its_place_in_the_whole() -> None:
     line = text[: text.index("statur: 2")].count("\n") + 1
     checked, source = profile.parse("worn.yaml", text)
     with pytest.raises(SrlError, match=rf"worn\.yaml line {line}: sim\.parts\.wearer"):
-        cut(checked, source, "P07", ("swivel",), FEW, sim=True)
+        subset(checked, source, "P07", ("swivel",), FEW, sim=True)
     bad = PROFILE.replace("  - use: arm-angles", more).replace("chest: chest", "chst: chest")
     line = bad[: bad.index("chst")].count("\n") + 1
     with pytest.raises(SrlError, match=rf"worn\.yaml line {line}: controllers\.1\.chst"):
-        cut(*profile.parse("worn.yaml", bad), "P07", ("swivel",), FEW)
+        subset(*profile.parse("worn.yaml", bad), "P07", ("swivel",), FEW)
 
 
 def test_two_laws_are_refused() -> None:

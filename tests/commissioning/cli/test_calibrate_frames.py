@@ -279,7 +279,7 @@ def test_another_arm_of_the_same_driver_and_name_is_noticed_by_its_serial_number
     method = frame_method.FrameMethod(
         CalibrationRequest("cell.yaml", "frames"), checked, source, folder / "a.json", print
     )
-    graph = build(*method.cut(""), sim=False)
+    graph = build(*method.subset(""), sim=False)
     assert method.channel_map(graph.layout, "").options.serials == {"arm": "42"}
     assert [device.commands for device in graph.devices] == [(), ()]
     assert command("--sim") == 0

@@ -18,7 +18,7 @@ from srl.commissioning.calibration.servos.method import ServoMethod
 from srl.commissioning.calibration.servos.procedure import Kind, Procedure
 from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig
 from srl.commissioning.jog.hold import PAUSE, Hold
-from srl.commissioning.jog.profile_subset import cut
+from srl.commissioning.jog.profile_subset import subset
 from srl.drivers.firmata.driver import COMMAND
 from srl.runtime.cli import main
 from srl.runtime.contracts.servo_record import ServoRecord
@@ -103,7 +103,7 @@ def test_hidden_trims_senses_and_scales_are_found(made: Path) -> None:
 
 def test_a_run_goes_where_it_is_told_only_with_the_file(made: Path) -> None:
     def off(*overrides: str) -> float:
-        run = cut(*profile.load(str(made / "tip.yaml"), overrides), None, 0.1, True)
+        run = subset(*profile.load(str(made / "tip.yaml"), overrides), None, 0.1, True)
         lockstep, graph = Lockstep(run.graph), run.graph
         terminal = graph.row.devices[graph.layout.devices.index("terminal")]
         terminal[DEVICE.link] = LINK_CONNECTED

@@ -18,7 +18,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from srl.commissioning.cli import new, new_questions
-from srl.commissioning.jog.profile_subset import cut
+from srl.commissioning.jog.profile_subset import subset
 from srl.runtime.cli import main
 from srl.runtime.cli.check import examine
 from srl.runtime.profile import library, profile
@@ -320,7 +320,7 @@ def test_the_limb_is_jogged_before_it_follows_anybody(capsys: pytest.CaptureFixt
     assert main(["new", "worn", "--from", "human-srl"]) == 0  # it keeps clear of what isn't there while it is jogged
     line = "srl jog worn.yaml --set guard.arm.position_command.clear=null  # nobody wears it or is near it"
     assert f"  {line}\n" in capsys.readouterr().out
-    cut(*profile.load("worn.yaml", ["guard.arm.position_command.clear=null"]), None, 0.1, sim=False)
+    subset(*profile.load("worn.yaml", ["guard.arm.position_command.clear=null"]), None, 0.1, sim=False)
 
 
 def test_answers_that_are_odd(

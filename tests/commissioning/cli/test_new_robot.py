@@ -14,7 +14,7 @@ from helpers.new_limb import moved_on
 from helpers.run import refused
 
 from srl.commissioning.cli import new_questions
-from srl.commissioning.jog.profile_subset import SPEED, cut
+from srl.commissioning.jog.profile_subset import SPEED, subset
 from srl.commissioning.new.from_urdf import hanging, weight
 from srl.commissioning.new.limb_drives import KINDS, Joint, MitCan
 from srl.runtime.cli import main
@@ -68,7 +68,7 @@ def test_a_strangers_urdf_becomes_a_limb_that_moves(
     assert main(arguments(style, actuators)) == 0
     assert "srl jog mine.yaml --sim" in capsys.readouterr().out
     checked, source = profile.load("mine.yaml")
-    assert cut(checked, source, "arm", SPEED, sim=True).graph.simulated == ["arm"]
+    assert subset(checked, source, "arm", SPEED, sim=True).graph.simulated == ["arm"]
     robot = checked.models["limb"].robot
     with Lab("mine.yaml") as lab:
         start = moved_on(lab, robot, seconds=2.5, off=0.1)

@@ -10,7 +10,7 @@ from helpers.run import refused
 
 from srl.commissioning.jog.hold import Hold
 from srl.commissioning.jog.keys import Keys
-from srl.commissioning.jog.profile_subset import PRESS, WAY, Cut, cut
+from srl.commissioning.jog.profile_subset import PRESS, WAY, ProfileSubset, subset
 from srl.commissioning.jog.session import FRESH
 from srl.control.setpoint.jog import HOLD, REST
 from srl.runtime.contracts.errors import SrlError
@@ -25,20 +25,20 @@ REPEAT = 0.033  # s, of a held key
 PROFILES = ["servo-jog", "finger-jog", "hand-jog", "ur-jog", "base-jog"]
 
 
-def made(name: str, *overrides: str, speed: float = 0.1, device: str | None = None) -> Cut:
-    return cut(*profile.load(name, overrides), device, speed, True)
+def made(name: str, *overrides: str, speed: float = 0.1, device: str | None = None) -> ProfileSubset:
+    return subset(*profile.load(name, overrides), device, speed, True)
 
 
 class Run:
     """A run whose terminal's bytes come at given times, and where the joints were commanded to be."""
 
-    def __init__(self, cut: Cut, *, step: bool = False) -> None:
-        self.cut, self.lockstep = cut, Lockstep(cut.graph)
-        self.period = 1.0 / float(cut.profile.rate)
-        self.keys, self.hold = Keys(), Hold(tuple(cut.speed), max(FRESH, 1.5 * self.period), step)
+    def __init__(self, subset: ProfileSubset, *, step: bool = False) -> None:
+        self.subset, self.lockstep = subset, Lockstep(subset.graph)
+        self.period = 1.0 / float(subset.profile.rate)
+        self.keys, self.hold = Keys(), Hold(tuple(subset.speed), max(FRESH, 1.5 * self.period), step)
         self.now, self.typed = 0.0, list[tuple[float, bytes]]()
-        row = cut.graph.row
-        self.words = row.devices[cut.graph.layout.devices.index("terminal")]
+        row = subset.graph.row
+        self.words = row.devices[subset.graph.layout.devices.index("terminal")]
         self.words[DEVICE.stamp], self.words[DEVICE.link] = -1, LINK_CONNECTED
         self.states = set[State]()
         self.go(REST + 0.2)
@@ -56,7 +56,7 @@ class Run:
     def go(self, seconds: float) -> Array:
         """(k, n): what was commanded in each cycle."""
         found = []
-        row = self.cut.graph.row
+        row = self.subset.graph.row
         for _ in range(round(seconds / self.period)):
             self.now += self.period
             data = b"".join(bytes_ for at, bytes_ in self.typed if at <= self.now)
@@ -66,18 +66,18 @@ class Run:
             row.views[WAY][:], row.views[PRESS][:] = self.hold.reported(self.now)
             self.words[DEVICE.stamp] = (self.lockstep.count + 1) * self.lockstep.period
             self.states.add(self.lockstep.step())
-            found.append(self.cut.actuator.applied.ravel().copy())
+            found.append(self.subset.actuator.applied.ravel().copy())
         return np.array(found)
 
     def way(self, commanded: Array) -> Array:
         """(k, n): how far the command went since the first of these cycles."""
-        if self.cut.actuator.command.kind is Kind.VELOCITY:
+        if self.subset.actuator.command.kind is Kind.VELOCITY:
             return np.cumsum(commanded, axis=0) * self.period
         return commanded - commanded[0]
 
     def speeds(self, commanded: Array) -> Array:
         """(k - 1, n)."""
-        if self.cut.actuator.command.kind is Kind.VELOCITY:
+        if self.subset.actuator.command.kind is Kind.VELOCITY:
             return commanded[1:]
         return np.diff(commanded, axis=0) / self.period
 
@@ -98,10 +98,10 @@ def test_nothing_moves_without_a_key(run: Run) -> None:
 
 def test_it_begins_where_the_limb_is() -> None:
     run = Run(made("ur-jog", "devices.arm.interface=position", *UR_POSITION))
-    assert run.cut.actuator.command.kind is Kind.POSITION
-    assert run.cut.actuator.measured is not None
-    np.testing.assert_allclose(run.go(0.5)[-1], run.cut.actuator.measured.ravel(), atol=0.02)
-    assert np.abs(run.cut.actuator.measured).max() > 1.0  # which isn't zero
+    assert run.subset.actuator.command.kind is Kind.POSITION
+    assert run.subset.actuator.measured is not None
+    np.testing.assert_allclose(run.go(0.5)[-1], run.subset.actuator.measured.ravel(), atol=0.02)
+    assert np.abs(run.subset.actuator.measured).max() > 1.0  # which isn't zero
 
 
 UR_POSITION = (
@@ -117,15 +117,15 @@ def test_a_tap_moves_one_joint_by_its_time_and_speed_at_most(run: Run, data: byt
     run.go(0.6)  # away from a hand's open end
     run.type(data)
     commanded = run.go(0.6)
-    way, most = run.way(commanded) * (1 if data == RIGHT else -1), HOLD * first(run.cut.speed)
-    assert 0.3 * most < way[-1, 0] <= most + first(run.cut.speed) * run.period
+    way, most = run.way(commanded) * (1 if data == RIGHT else -1), HOLD * first(run.subset.speed)
+    assert 0.3 * most < way[-1, 0] <= most + first(run.subset.speed) * run.period
     assert way[:, 0].min() >= 0.0
     assert not np.ptp(commanded[:, 1:], axis=0).any()
     assert not run.speeds(commanded)[-10:].any()
 
 
 def test_a_held_key_moves_at_the_speed_and_its_end_brakes(run: Run) -> None:
-    started, speed = run.now, first(run.cut.speed)
+    started, speed = run.now, first(run.subset.speed)
     last = run.held(RIGHT, 1.2)
     commanded = run.go(1.9)
     times, found = started + run.period * np.arange(2, len(commanded) + 1), run.speeds(commanded)[:, 0]
@@ -134,7 +134,7 @@ def test_a_held_key_moves_at_the_speed_and_its_end_brakes(run: Run) -> None:
     np.testing.assert_allclose(found[even], speed, rtol=1e-3)
     slower = times[(times > last) & (found < 0.999 * speed)][0]
     assert slower - last <= 0.15
-    law = run.cut.profile.controllers[0].options
+    law = run.subset.profile.controllers[0].options
     stands = speed / first(law["acceleration"]) + 3 * run.period
     assert not found[times > slower + stands].any()
     between = (times > started + 0.45) & (times < started + 0.5)
@@ -181,7 +181,7 @@ def test_a_terminal_that_falls_silent_brakes_and_then_stops_the_limb() -> None:
     found = []
     for _ in range(100):  # nobody writes the setpoints any more: they stay as they were
         run.lockstep.step()
-        found.append(float(run.cut.actuator.applied[0]))
+        found.append(float(run.subset.actuator.applied[0]))
     assert np.ptp(found[20:]) == 0.0
     assert run.lockstep.cycle.machine.state is State.STOPPED
 
@@ -236,7 +236,7 @@ def test_no_stop_sends_the_limb_home() -> None:
     switch = "emergency=[{signal: panel.buttons, element: red, category: retract}]"
     given = (*homes, BUTTONS, switch, "stop.finger=retract", "faults={bus-loss: retract, intent-loss: retract}")
     whole = profile.load("servo-jog", given)
-    found = cut(*whole, None, 0.1, False).profile
+    found = subset(*whole, None, 0.1, False).profile
     assert whole[0].stop["finger"] is Stop.RETRACT
     assert found.stop["finger"] is Stop.HOLD
     assert (found.faults.bus_loss, found.faults.intent_loss) == ("stop", "stop")
@@ -254,7 +254,7 @@ BUTTONS = "devices.panel={driver: firmata, port: /dev/ttyACM1, buttons: {red: {p
 
 def test_emergency_inputs_stay_with_devices_that_only_measure() -> None:
     switch = "emergency=[{signal: panel.buttons, element: red}, {signal: client.position, element: distal}]"
-    found = cut(*profile.load("servo-jog", (BUTTONS, switch)), None, 0.1, False)
+    found = subset(*profile.load("servo-jog", (BUTTONS, switch)), None, 0.1, False)
     assert set(found.profile.devices) == {"finger", "panel"}
     assert [entry.signal for entry in found.profile.emergency] == ["panel.buttons"]
     assert found.left_out == ("client.position",)

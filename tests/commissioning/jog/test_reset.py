@@ -15,7 +15,7 @@ from helpers.wait import until
 
 from srl.commissioning.jog.hold import Hold
 from srl.commissioning.jog.presses import Presses
-from srl.commissioning.jog.profile_subset import cut
+from srl.commissioning.jog.profile_subset import subset
 from srl.commissioning.jog.session import Session
 from srl.runtime.ipc import presses
 from srl.runtime.ipc.control_socket import LIFETIME
@@ -44,12 +44,12 @@ class Run:
     """A stopped run of a limb that nothing measures. `terminal`: has the keys."""
 
     def __init__(self, name: str, *overrides: str, terminal: bool = False) -> None:
-        self.cut = cut(*profile.load(name, overrides), None, 0.1, True, panel=not terminal)
-        self.session = Session(self.cut, name, True, (True, ""), False, lambda _: None, panel=not terminal)
-        layout = self.cut.graph.layout
+        self.subset = subset(*profile.load(name, overrides), None, 0.1, True, panel=not terminal)
+        self.session = Session(self.subset, name, True, (True, ""), False, lambda _: None, panel=not terminal)
+        layout = self.subset.graph.layout
         self.row = np.zeros(layout.width, np.int64)
         self.row[CYCLE.state], self.row[CYCLE.wake] = State.STOPPED, 1234
-        device = self.cut.graph.devices[self.cut.actuator.device].name
+        device = self.subset.graph.devices[self.subset.actuator.device].name
         self.words = self.row[layout.device(layout.devices.index(device))]
         self.desk: Any = Desk()
 
@@ -60,7 +60,7 @@ class Run:
     def reset_on_the_panel(self, folder: RunFolder, since: int) -> dict[str, object] | None:
         found: list[dict[str, object] | None] = []
         asking = threading.Thread(target=lambda: found.append(presses.reset(folder, since)))
-        with Presses(folder, len(self.cut.speed), Hold(tuple(self.cut.speed), 0.03)) as end:
+        with Presses(folder, len(self.subset.speed), Hold(tuple(self.subset.speed), 0.03)) as end:
             asking.start()
 
             def served() -> bool:
@@ -89,9 +89,11 @@ class Loop:
     """The loop of a simulated jog run, which has begun to move. `origin`: whoever asks, it judges alike."""
 
     def __init__(self, name: str, *overrides: str) -> None:
-        self.cut = cut(*profile.load(name, overrides), None, 0.1, True)
-        self.run = lockstep(self.cut.graph)
-        self.link = self.cut.graph.row.devices[self.cut.actuator.device : self.cut.actuator.device + 1, DEVICE.link]
+        self.subset = subset(*profile.load(name, overrides), None, 0.1, True)
+        self.run = lockstep(self.subset.graph)
+        self.link = self.subset.graph.row.devices[
+            self.subset.actuator.device : self.subset.actuator.device + 1, DEVICE.link
+        ]
         self.until(State.ACTIVE)
 
     def until(self, state: State) -> None:
@@ -114,7 +116,7 @@ class Loop:
 
     def ask(self, kind: RequestKind = RequestKind.RESET, origin: Origin = Origin.LOCAL) -> Answer:
         self.step(kind, origin)
-        return Answer(int(self.cut.graph.row.ints[CYCLE.request_result]))
+        return Answer(int(self.subset.graph.row.ints[CYCLE.request_result]))
 
 
 @pytest.mark.parametrize("origin", [Origin.LOCAL, Origin.INPUT])
@@ -161,7 +163,7 @@ def test_a_whole_profile_goes_home_unless_it_says_otherwise() -> None:
 
 def test_a_switch_that_this_run_does_not_read_keeps_its_stop() -> None:
     switch = "emergency=[{signal: client.position, element: distal}]"
-    found = cut(*profile.load("servo-jog", [switch]), None, 0.1, True)
+    found = subset(*profile.load("servo-jog", [switch]), None, 0.1, True)
     assert found.left_out
     cycle = Cycle(found.graph, limits_of(found.graph), True, Latch.EMERGENCY)
     for kind in (RequestKind.RESET, RequestKind.START):
