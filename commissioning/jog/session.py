@@ -67,7 +67,8 @@ class Session:
 
     def __init__(
         self, subset: ProfileSubset, name: str, sim: bool, arm: tuple[bool, str], step: bool,
-        say: Callable[[str], None], panel: bool = False, face: Face | None = None, record: Path | None = None, view: bool = False,
+        say: Callable[[str], None], panel: bool = False, face: Face | None = None, record: Path | None = None,
+        view: bool = False,
     ) -> None:  # fmt: skip
         """
         Args:

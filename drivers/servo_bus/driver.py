@@ -112,11 +112,12 @@ class ServoBus(Driver):
         self._link = self._line = None
         if link is None or line is None:
             return
-        if self.health.connected and (last := self._last()):
+        if self.health.connected:
             with contextlib.suppress(DeviceError):
                 if line.pending is not None or line.in_doubt:
                     link.read_wait(0.03)  # the servos finish their present answers
-                link.write_all(last, 0.2)
+                if last := self._last():
+                    link.write_all(last, 0.2)
         self.health.connected = False
         self._stopping = b""
         self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)

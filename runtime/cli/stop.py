@@ -43,7 +43,9 @@ def run(args: argparse.Namespace) -> int:
         print(f"{run_folder.path.name}: {answer['state']}")
     if answer["ok"]:
         return 0
-    why = f" ({answer['cause']} {answer['fault_source']})".replace(" )", ")") if answer["cause"] != "none" else ""
+    why = (
+        f" ({answer['cause']} {answer.get('fault_source', '')})".replace(" )", ")") if answer["cause"] != "none" else ""
+    )
     remedy = "Mend its cause, then reset" if "cause" in str(answer["error"]) else "See `srl top` for what it does"
     raise RequestError(
         f"instance '{run_folder.path.name}'",

@@ -6,13 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.options import Options
-from srl.runtime.contracts.renamed import refuse_old_methods
+from srl.runtime.contracts.renamed import refuse_old_names
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.transforms import Transform
+
+OLD_NAMES: Final = {"weigh": "update_gravity", "doubts": "warnings", "figures": "metrics"}
+"""What a law's methods were called before."""
 
 
 class ControllerConfig(Options):
@@ -59,7 +62,7 @@ class Controller(ABC):
     def __init_subclass__(cls) -> None:
         """Refuses a law with a method's name of before."""
         super().__init_subclass__()
-        refuse_old_methods(cls, {"weigh": "update_gravity", "doubts": "warnings", "figures": "metrics"})
+        refuse_old_names(cls, OLD_NAMES)
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         self.name = name

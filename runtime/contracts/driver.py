@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from srl.runtime.contracts.options import Options
-from srl.runtime.contracts.renamed import refuse_old_methods
+from srl.runtime.contracts.renamed import refuse_old_names
 from srl.runtime.contracts.signals import Array, Command, Limits, Signal, Stop
 
 
@@ -137,7 +137,7 @@ class Driver(ABC):
     def __init_subclass__(cls) -> None:
         """Refuses a driver with a method's name of before."""
         super().__init_subclass__()
-        refuse_old_methods(cls, {"figures": "metrics"})
+        refuse_old_names(cls, {"figures": "metrics"})
 
     def __init__(self, name: str, config: DeviceConfig) -> None:
         self.name = name

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 
-def refuse_old_methods(cls: type, renamed: Mapping[str, str]) -> None:
-    """Refuses a class that defines a method by a name of before: nobody would call it.
+def refuse_old_names(made: object, renamed: Mapping[str, str]) -> None:
+    """Refuses a class, or an object, that has a method or an attribute by a name of before: nobody would look at it.
 
     Args:
-        cls: a driver, law or twin of a package.
+        made: a driver, law, twin, world or part of a package.
         renamed: the new name by the old one.
     Raises:
-        TypeError: it defines one.
+        ImportError: it has one.
     """
     for old, new in renamed.items():
-        if old in vars(cls):
-            raise TypeError(f"{cls.__module__}.{cls.__qualname__}: its method '{old}' is now called '{new}'; rename it")
+        if hasattr(made, old):
+            cls = made if isinstance(made, type) else type(made)
+            raise ImportError(f"{cls.__module__}.{cls.__qualname__}: its '{old}' is now called '{new}'; rename it")

@@ -13,7 +13,7 @@ from pydantic import ConfigDict
 from srl.runtime.contracts.driver import DeviceConfig, Driver
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.frames import Frames
-from srl.runtime.contracts.renamed import refuse_old_methods
+from srl.runtime.contracts.renamed import refuse_old_names
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.wearer import Wearer
 
@@ -129,7 +129,7 @@ class Twin(ABC):
     def __init_subclass__(cls) -> None:
         """Refuses a twin with a method's name of before."""
         super().__init_subclass__()
-        refuse_old_methods(cls, {"figures": "metrics"})
+        refuse_old_names(cls, {"figures": "metrics"})
 
     def __init__(self, fake: Fake) -> None:
         self.fake = fake

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from srl.runtime.contracts import registry
+from srl.runtime.contracts.controller import OLD_NAMES
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.renamed import refuse_old_names
 from srl.runtime.contracts.signals import Command, Kind, Signal
 from srl.runtime.profile import transforms
 from srl.runtime.profile.builder import Builder, form
@@ -70,6 +72,10 @@ def build(b: Builder, devices: list[Driver]) -> list[Law]:
         if name in b.layout.devices or name in b.profile.devices or any(w.controller.name == name for w in made):
             raise WiringError(b.source.place(path), f"the name '{name}' is taken", "Add `name:` to this controller")
         law = Law(cls(name, b.options(cls.Config, entry.options, path)))
+        try:
+            refuse_old_names(law.controller, OLD_NAMES)  # what its `__init__` sets, too
+        except ImportError as error:
+            raise WiringError(b.source.place(path), str(error), "Use a version of its package for this srl") from None
         made.append(law)
         for signal in (*law.controller.inputs, *law.controller.outputs):
             b.named(signal, f"{name}.{signal.name}", f"{path}.use")

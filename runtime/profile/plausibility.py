@@ -29,6 +29,7 @@ from pydantic.fields import FieldInfo
 from srl.runtime.contracts.clearance import Clearance
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.options import old_keys
 from srl.runtime.contracts.signals import Command
 from srl.runtime.contracts.world import World
 from srl.runtime.models.models import ArmsModel, bodies
@@ -84,8 +85,10 @@ def warnings(
         for place, value in _numbers(window, f"guard.{name}.following_error.window"):
             if value > FAR:
                 units.append((place, f"{value:g} rad or m is no limb that follows. Are these degrees or millimetres?"))
-    idle = [each for each in profile.meant if not any(_within(place, (each,)) for place, _ in units)]
-    units = [(place, text) for place, text in units if not _within(place, profile.meant)]
+    old = dict(_old_keys(devices, laws, world))
+    intended = {each: _by_new_name(each, old) for each in profile.meant}
+    idle = [each for each, new in intended.items() if not any(_within(place, (new,)) for place, _ in units)]
+    units = [(place, text) for place, text in units if not _within(place, tuple(intended.values()))]
     if units and any(d.commands and d.name not in simulated for d in devices):
         place, text = units[0]
         raise WiringError(source.place(place), text, f"Correct it; if it is meant so, add `meant: [{place}]`")
@@ -105,13 +108,9 @@ def warnings(
     for name, other in shared([device for device in devices if device.name not in simulated]):
         found.append((f"devices.{name}.port", f"{other} is at this port, too, and only one can have it open"))
     found += [(f"sim.{key}", text) for key, text in (world.warnings if world is not None else ())]
+    found += [(place, f"it is now called '{new}'; the old name still works") for place, new in old.items()]
     found += _of_worn(profile, laws)
     for i, law in enumerate(laws):
-        old = law.controller.config.old_keys
-        found += [
-            (f"controllers.{i}.{key}", f"it is now called '{new}'; the old name still works")
-            for key, new in old.items()
-        ]
         found += [(f"controllers.{i}.{key}", text) for key, text in law.controller.warnings(1.0 / float(profile.rate))]
     found += [(f"guard.{name}.clear", text) for name, each in clearances.items() for text in each.unmet]
     for name, frame in profile.frames.items():
@@ -125,6 +124,25 @@ def warnings(
 def _within(place: str, meant: tuple[str, ...]) -> bool:
     """Whether a place is one of these, or an element of one of them."""
     return any(each in (place, place.rpartition(".")[0]) for each in meant)
+
+
+def _old_keys(devices: list[Driver], laws: list[Law], world: World | None) -> Iterator[tuple[str, str]]:
+    """The place of each key by an old name, and the new name."""
+    for i, law in enumerate(laws):
+        yield from old_keys(law.controller.config, f"controllers.{i}")
+    for device in devices:
+        yield from old_keys(device.config, f"devices.{device.name}")
+    if world is not None:
+        for place, new in old_keys(world.config, "sim"):
+            yield re.sub(r"^(sim\.parts\.[^.]+)\.1\.", r"\1.", place), new  # a part's class and its options
+
+
+def _by_new_name(place: str, old: Mapping[str, str]) -> str:
+    """A place of `meant:`, with the new name of a key that has one."""
+    for each, new in old.items():
+        if place == each or place.startswith(f"{each}."):
+            return f"{each.rpartition('.')[0]}.{new}{place.removeprefix(each)}"
+    return place
 
 
 def _position_unit(command: Command | None) -> str:

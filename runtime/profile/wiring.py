@@ -17,6 +17,7 @@ from srl.runtime.contracts.controller import Parameter
 from srl.runtime.contracts.driver import Driver, Sensor
 from srl.runtime.contracts.errors import ProfileError, WiringError, nearest
 from srl.runtime.contracts.frames import Measured
+from srl.runtime.contracts.renamed import refuse_old_names
 from srl.runtime.contracts.signals import Array, Command, Signal
 from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from srl.runtime.contracts.world import World
@@ -123,7 +124,11 @@ def _world(b: Builder) -> World | None:
     if not b.simulated or b.profile.sim is None:
         return None
     cls = registry.load("worlds", b.profile.sim.world, b.source.place("sim.world"))
-    world: World = cls(b.options(cls.Config, b.profile.sim.options, "sim"), b.profile.seed, b.frames)
+    try:
+        world: World = cls(b.options(cls.Config, b.profile.sim.options, "sim"), b.profile.seed, b.frames)
+        refuse_old_names(world, {"doubts": "warnings"})
+    except ImportError as error:
+        raise WiringError(b.source.place("sim"), str(error), "Use a version of its package for this srl") from None
     return world
 
 

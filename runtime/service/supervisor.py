@@ -42,7 +42,7 @@ from srl.runtime.service.process_exit import ProcessExit
 
 POLL = 0.005  # s between two checks of the loop's sign of life
 HUNG = 100_000_000  # ns without a sign of life, plus two periods, after which the loop counts as hung
-HUNG_STILL = 2_000_000_000  # ns, the same where nothing is commanded, as in a calibration: nothing can move
+HUNG_STILL = 1_000_000_000  # ns, the same where nothing is commanded, as in a calibration: nothing can move
 HUNG_UNPACED = 10_000_000_000  # ns, the same for an unpaced simulation
 HELD_UP = 50_000_000  # ns by which a check is late when the whole machine, and not the loop alone, stood still
 LET_GO = 5_000_000_000  # ns that the loop's process may take to release its devices after its last row
@@ -85,6 +85,7 @@ class Supervisor:
         self._layout_text = b""
         self._hung_after = HUNG
         self._checked = 0  # CLOCK_MONOTONIC ns, of the last check
+        self._excused = -1  # the sign of life that was there in the last late check: it excuses no second one
         self._ask_to_end = False
         self._asked = self._first_asked = 0.0
         self._notifier = Notifier()
@@ -129,10 +130,12 @@ class Supervisor:
                 self._loop_died("the loop's process ended")
                 return False
             now, before = time.monotonic_ns(), self._checked
-            self._checked, silent = now, now - self.rows.beat
+            beat = self.rows.beat
+            self._checked, silent = now, now - beat
             # After a stall of the whole machine the loop has one check's time to show that it goes on.
-            held_up = before and now - before > HELD_UP + timeout * 1e9
-            if not held_up and silent > (LET_GO if self.rows.closed else self._hung_after):
+            late = before > 0 and now - before > HELD_UP + timeout * 1e9
+            excused, self._excused = late and beat != self._excused, beat if late else self._excused
+            if not excused and silent > (LET_GO if self.rows.closed else self._hung_after):
                 self._loop_died(f"the loop gave no sign of life for {silent / 1e6:.0f} ms")
                 return False
         for helper in self.helpers if self.running else ():

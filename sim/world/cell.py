@@ -17,6 +17,7 @@ from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import WiringError, nearest
 from srl.runtime.contracts.frames import IDENTITY, Frames, as_pose
 from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.renamed import refuse_old_names
 from srl.runtime.contracts.rotation import Pose, composed
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import World, WorldConfig
@@ -70,6 +71,7 @@ class Cell(World):
         self.parts: dict[str, Part] = {}
         for name, (cls, options) in config.parts.items():
             self.parts[name] = part = cls(name, options, seed)
+            refuse_old_names(part, {"doubts": "warnings"})
             self.warnings += [(f"parts.{name}.{key}", text) for key, text in part.warnings]
             self.remarks += [(f"parts.{name}.{key}", text) for key, text in part.remarks]
         ends = [part.ends for part in self.parts.values() if part.ends is not None]

@@ -21,6 +21,9 @@ from srl.runtime.contracts.world import Twin
     ],
 )
 def test_a_method_of_before_is_refused_with_its_new_name(base: type, old: str, new: str) -> None:
-    with pytest.raises(TypeError, match=f"'{old}' is now called '{new}'"):
+    with pytest.raises(ImportError, match=f"'{old}' is now called '{new}'"):
         type("Mine", (base,), {old: lambda self: None})
+    mixin = type("Mixin", (), {old: lambda self: None})
+    with pytest.raises(ImportError, match="rename it"):
+        type("Mine", (mixin, base), {})
     type("Mine", (base,), {new: lambda self: None})

@@ -27,10 +27,11 @@ class Procedure(HeldStill):
         self.plan, self._thresholds = plan, thresholds
         self._segments, self._parents = tuple(segments), tuple(parents)
         self._first: Array | None = None  # (n, 4) of the first stand
+        self._stood = False  # a stand was taken: the person walks before each further one
         super().__init__(range(1, plan.stands + 1), False, plan.settle, plan.hold)
 
     def _next(self) -> None:
-        if self._open and self._open[0] > 1:
+        if self._open and self._stood:
             self._begin(Step(Kind.PAUSE, self._open[0] - 1))
         else:
             super()._next()
@@ -59,6 +60,7 @@ class Procedure(HeldStill):
             return False
         if number == 1:
             self._first = mean(turned)
+        self._stood = True
         return True
 
     def instruction(self) -> Instruction:
