@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from srl.commissioning.calibration.request import LAWS
+from srl.commissioning.calibration.request import KINDS
 from srl.commissioning.calibration.session import method_of
 from srl.runtime.cli import COMMANDS, main, others
 
@@ -58,7 +58,7 @@ def test_every_command_is_registered_by_its_module(capsys: pytest.CaptureFixture
 
 
 def test_the_laws_that_can_be_calibrated_are_named() -> None:
-    assert tuple(method_of(law).name for law in LAWS) == LAWS
+    assert tuple(method_of(law).name for law in KINDS) == LAWS
 
 
 @pytest.mark.slow
