@@ -58,7 +58,7 @@ def test_every_command_is_registered_by_its_module(capsys: pytest.CaptureFixture
 
 
 def test_the_laws_that_can_be_calibrated_are_named() -> None:
-    assert tuple(method_of(law).name for law in KINDS) == LAWS
+    assert tuple(method_of(law).name for law in KINDS) == KINDS
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from helpers.run import refused
 
 from srl.commissioning.jog.hold import FINE, Hold
 from srl.commissioning.jog.presses import Presses
-from srl.commissioning.jog.profile_subset import PRESS, RAMP, WAY, cut
+from srl.commissioning.jog.profile_subset import PRESS, RAMP, WAY, subset
 from srl.control.setpoint.jog import REST
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.signals import Kind
