@@ -355,7 +355,7 @@ def test_attacks_that_it_knows_of_or_sees_leave_no_blame(attack):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "attack",
-    [Attack(delay=0.1), Attack(pace=2.0), Attack(believed=0.6)],
+    [Attack(delay=0.1), Attack(pace=2.0), Attack(assumed=0.6)],
     ids=["untold delay", "faster than a_H", "wrong envelope"],
 )
 def test_attacks_on_what_it_believes_leave_less_than_no_clearance_at_all(attack):
