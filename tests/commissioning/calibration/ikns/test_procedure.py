@@ -99,7 +99,7 @@ def test_the_points_are_near_the_corners_and_where_the_hand_has_been() -> None:
 @given(st.integers(1, 40), st.integers(1, 40))
 @settings(max_examples=20)
 def test_what_is_fed_matters_and_not_in_how_many_pieces(first: int, second: int) -> None:
-    views = []
+    found = []
     for sizes in ((40,), (first, second)):
         feeder = started()
         feeder.stay(2.0, feeder.procedure.target)
@@ -112,10 +112,10 @@ def test_what_is_fed_matters_and_not_in_how_many_pieces(first: int, second: int)
             k = min(sizes[at % len(sizes)], 40 - at)
             feeder.feed(hand[at : at + k], joints[at : at + k])
             at += k
-        views.append(feeder.procedure.view())
-    assert views[0].kept == views[1].kept > 0
-    assert views[0].range == pytest.approx(views[1].range)
-    assert views[0].step == views[1].step
+        found.append(feeder.procedure.progress())
+    assert found[0].kept == found[1].kept > 0
+    assert found[0].range == pytest.approx(found[1].range)
+    assert found[0].step == found[1].step
 
 
 def test_samples_with_another_mark_dont_count() -> None:
