@@ -126,7 +126,8 @@ class Supervisor:
             self._loop_ended()
             return False
         if self.running and self.rows is not None:
-            if not self.rows.closed and self._exit.seen():
+            # The rows are closed before the process ends, so that is asked last: a check may be held up in between.
+            if self._exit.seen() and not self.rows.closed:
                 self._loop_died("the loop's process ended")
                 return False
             now, before = time.monotonic_ns(), self._checked

@@ -158,7 +158,7 @@ def test_what_is_far_too_long_isnt_taken_in_and_the_rest_is(lab: Lab) -> None:
 
 @pytest.mark.slow
 def test_a_connection_ends_with_its_certificate(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    started = certificates._started
+    started = certificates._begun
 
     def short(*given: Any) -> x509.CertificateBuilder:
         made = started(*given)

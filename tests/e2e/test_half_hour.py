@@ -30,7 +30,7 @@ from srl.runtime.ipc.header import State
 from srl.runtime.recording.reader import read
 
 PAGE = ROOT / "docs" / "half-hour.md"
-FIRST = 45.0  # s for which the hand is flat at first: until the calibration has begun
+FIRST = 100.0  # s for which the hand is flat at first: until the calibration has begun
 HELD = 9.0  # s for which it keeps each further shape
 MOVES = 0.8  # s from one to the next
 AFTER = 400.0  # s in which the hand opens and closes, once the shapes are over

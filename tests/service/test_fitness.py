@@ -112,7 +112,7 @@ SEEDED = {
 
 def expired(folder: Path, name: str, patch: pytest.MonkeyPatch) -> None:
     """Signs a certificate that was valid until yesterday."""
-    started = certificates._started
+    started = certificates._begun
     now = datetime.datetime.now(datetime.UTC)
 
     def before(*given: Any) -> x509.CertificateBuilder:

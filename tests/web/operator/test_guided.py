@@ -128,7 +128,7 @@ def test_a_sensor_is_calibrated_on_the_page(calibrated: Callable[[Turner, Talk],
         assert "handle.json" in over["words"]
 
     assert calibrated(actor, acts) == 0
-    assert record_file.read(ft_method.FtMethod.kind, tmp_path / "handle.json")
+    assert record_file.read(ft_method.FtMethod.record_type, tmp_path / "handle.json")
     assert actor.closed
 
 
