@@ -113,13 +113,13 @@ class _System:
         ]
         self._cycle = Cycle(graph, limits_of(graph), automatic=True, report=self._say)
         self._period = round(1e9 / graph.profile.rate)
-        self._reported: list[str] = []
+        self._messages: list[str] = []
         self._count, self._behind = 0, 0
         self._there: list[select.poll] = []
         self._here: list[select.poll] = []
 
     def _say(self, text: str) -> None:
-        self._reported.append(text)
+        self._messages.append(text)
 
     def begin(self) -> None:
         """Opens the drivers and goes on until all servos have moved."""
@@ -133,7 +133,7 @@ class _System:
             self.step()
             if all(np.abs(device.driver.state_arrays["position"]).min() > _AWAY for device in self.devices):
                 return
-        raise RuntimeError(f"not all of {len(self.devices)} limbs move after {_LONGEST} cycles: {self._reported[-3:]}")
+        raise RuntimeError(f"not all of {len(self.devices)} limbs move after {_LONGEST} cycles: {self._messages[-3:]}")
 
     @contextmanager
     def _served(self) -> Iterator[None]:
@@ -155,10 +155,10 @@ class _System:
             server.join()
 
     @property
-    def reported(self) -> int:
+    def commanded(self) -> int:
         """How many commands each limb was sent, at least; none may have been lost or stopped."""
         if self._cycle.machine.state is not State.ACTIVE:
-            raise RuntimeError(f"{len(self.devices)} limbs have stopped: {self._reported[-3:]}")
+            raise RuntimeError(f"{len(self.devices)} limbs have stopped: {self._messages[-3:]}")
         return min(device.words.item(DEVICE.commands) for device in self.devices)
 
     def step(self) -> list[int]:
@@ -245,12 +245,12 @@ def _grown(what: str, systems: dict[int, _System]) -> list[Row]:
 def _block(systems: dict[int, _System]) -> dict[int, dict[str, float]]:
     """Returns the us of each phase by size, medians of some cycles; all sizes take turns, cycle by cycle."""
     took: dict[int, list[list[int]]] = {size: [] for size in systems}
-    before = {size: system.reported for size, system in systems.items()}
+    before = {size: system.commanded for size, system in systems.items()}
     for _ in range(BLOCK):
         for size, system in systems.items():
             took[size].append(system.step())
     for size, system in systems.items():
-        if (reported := system.reported - before[size]) < 0.9 * BLOCK:
-            raise RuntimeError(f"a limb was told its angles in {reported} of {BLOCK} cycles only")
+        if (commanded := system.commanded - before[size]) < 0.9 * BLOCK:
+            raise RuntimeError(f"a limb got a command in {commanded} of {BLOCK} cycles only")
     medians = {size: (np.median(cycles, axis=0) / 1e3).tolist() for size, cycles in took.items()}
     return {size: dict(zip(PHASES, median, strict=True)) for size, median in medians.items()}

@@ -39,15 +39,15 @@ def needed(name: str, extras: tuple[str, ...], seen: set[str]) -> Iterator[Distr
 
 def licence(package: Distribution) -> str:
     """What a package says of its licence, in a line."""
-    output = _metadata(package, "License-Expression")
-    if not output:
+    terms = _metadata(package, "License-Expression")
+    if not terms:
         classified = [
             c.rpartition(" :: ")[2] for c in package.metadata.get_all("Classifier") or () if c.startswith("License ::")
         ]
-        output = ", ".join(c for c in classified if c != "OSI Approved")
-    if not output:
-        output = _metadata(package, "License")
-    return output or "not said"
+        terms = ", ".join(c for c in classified if c != "OSI Approved")
+    if not terms:
+        terms = _metadata(package, "License")
+    return terms or "not said"
 
 
 def _metadata(package: Distribution, key: str) -> str:
@@ -64,13 +64,13 @@ def licences(of_development: bool = False) -> dict[str, str]:
 
 def strong_copyleft(found: dict[str, str]) -> list[str]:
     """Packages whose licence would extend to what is shipped with them: the GPL and the AGPL, not the LGPL."""
-    return [name for name, output in found.items() if _GPL.search(_LESSER.sub("", output))]
+    return [name for name, terms in found.items() if _GPL.search(_LESSER.sub("", terms))]
 
 
 def main() -> int:
     found = licences()
-    for name, output in found.items():
-        print(f"{name:28} {output}")
+    for name, terms in found.items():
+        print(f"{name:28} {terms}")
     wrong = strong_copyleft(found)
     if wrong:
         print(f"licences of the GPL's kind, which only development may need: {', '.join(wrong)}", file=sys.stderr)

@@ -59,12 +59,12 @@ def _run(name: str) -> list[Row]:
     stepped = [sys.executable, "-m", "bench.simulated", name]
 
     def ours() -> dict[str, float]:
-        run = _reported([*command, "--duration", str(span)])
-        metrics = {"run": run["realtime_factor"], "cycle": _reported([*stepped, "cycle"])["cpu"]}
+        run = _summary_of([*command, "--duration", str(span)])
+        metrics = {"run": run["realtime_factor"], "cycle": _summary_of([*stepped, "cycle"])["cpu"]}
         return metrics | run["phases_us"] | {"whole": run["cycle_us"]["p50"]}
 
     def bare() -> dict[str, float]:
-        found = _reported([*stepped, "bare"])
+        found = _summary_of([*stepped, "bare"])
         return {"run": found["wall"], "cycle": found["cpu"]}
 
     words = "" if aim is None else f"at least {aim:g}"
@@ -81,7 +81,7 @@ def _run(name: str) -> list[Row]:
     ]
 
 
-def _reported(command: list[str]) -> dict[str, Any]:
+def _summary_of(command: list[str]) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     return found
 

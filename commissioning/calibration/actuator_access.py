@@ -118,9 +118,9 @@ class Drive(RowSource):
                 self._rows.close()
                 self._rows = None
             if self.screen is not None:
-                for text in self.screen.reported:
+                for text in self.screen.messages:
                     self._report(text)
-                self.screen.reported.clear()
+                self.screen.messages.clear()
 
     def _turn(self) -> None:
         """One look of the run at terminal and loop. Raises QuitError: it is over."""

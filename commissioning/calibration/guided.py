@@ -17,13 +17,13 @@ class Bar:
     Attributes:
         name: what it is of.
         share: 0 to 1 of its length; None: only text.
-        output: beside it.
+        text: beside it.
         good: whether it is as it should be; None: there is no such thing.
     """
 
     name: str
     share: float | None
-    output: str
+    text: str
     good: bool | None = None
 
 
@@ -81,7 +81,7 @@ class Procedure(Protocol):
         """Takes new samples, as the method's own kind; those that bear another mark than the step's don't count."""
 
     def instruction(self) -> Instruction:
-        """What a simulated wearer is told at the present step."""
+        """The instruction to a simulated person at the present step."""
 
     def go_on(self) -> str:
         """Ends the present step as it is. Returns why that can't be; "" if it could."""

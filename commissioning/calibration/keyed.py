@@ -31,15 +31,13 @@ class Keyed(Screen):
         self._view: View | None = None
         self._question = self._typed = ""
         self._commands: deque[str] = deque()
-        self.reported: list[str] = []  # all that was said: the terminal's screen is gone afterwards
+        self.messages: list[str] = []  # all that was said: the terminal's screen is gone afterwards
 
     def show(self, view: View) -> None:
         self._view = view
 
     def say(self, text: str) -> None:
-        self.reported.append(text)
-
-    output = say
+        self.messages.append(text)
 
     def command(self) -> str:
         return self._commands.popleft() if self._commands else "none"
@@ -85,5 +83,5 @@ class Keyed(Screen):
             console.print(picture(self._title, self._view, self._typed))
         shown: list[str] = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
         room = height - len(shown)
-        output = [line for text in self.reported[-40:] for line in wrap(text, width)]
+        output = [line for text in self.messages[-40:] for line in wrap(text, width)]
         return [*shown, *(output[-room:] if room > 0 else ())]

@@ -62,7 +62,7 @@ class Live(RowSource):
         self.folder = RunFolder.of(instance)
         self.folder.claim()
         self._report = report
-        self._reset, self._reported = 0.0, ""
+        self._reset, self._last_text = 0.0, ""
         self._rows: RingReader | None = None
         self._over = False
         try:
@@ -137,9 +137,9 @@ class Live(RowSource):
             kept = ", ".join(latches.names(int(row[CYCLE.latches]))) or "nothing"
             name = self.folder.path.name
             text = f"stopped ({cause}; latched: {kept}), so nothing counts: `srl reset {name}` goes on, q ends"
-        if text and text != self._reported:
+        if text and text != self._last_text:
             self._report(text)
-        self._reported = text
+        self._last_text = text
 
     def _begin_again(self, seen: int) -> None:
         """Ends the stop after a loss of the mocap; not one that came after `seen`, CLOCK_MONOTONIC ns of the row."""

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 from pydantic import ValidationError
 
 from srl.commissioning.calibration.guided import Procedure, Samples
+from srl.commissioning.calibration.held_still import IDLE, LEFT_OUT
 from srl.commissioning.calibration.live import Live
 from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.profile_subset import find
@@ -21,7 +22,6 @@ from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.sources import RowSource, Simulated
-from srl.commissioning.calibration.things import IDLE, LEFT_OUT
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
 from srl.runtime.ipc.layout import Layout

@@ -41,7 +41,7 @@ class PanelScreen(Screen):
         self._title, self._say = title, say
         self._folder: RunFolder | None = None
         self._end: GuideEnd | None = None
-        self._reported: deque[str] = deque(maxlen=_KEPT)
+        self._messages: deque[str] = deque(maxlen=_KEPT)
         self._typed: deque[str] = deque()
         self._number, self._due = 0, 0.0
         self._step: Step | None = None
@@ -86,13 +86,13 @@ class PanelScreen(Screen):
         self._shown = {
             "task": view.task, "lack": view.lack, "missing": view.missing, "things": view.things,
             "states": list(view.states), "asks": False, "joint": self.joint,
-            "bars": [{"name": b.name, "share": _share(b.share), "said": b.output, "good": b.good} for b in view.bars],
+            "bars": [{"name": b.name, "share": _share(b.share), "said": b.text, "good": b.good} for b in view.bars],
         }  # fmt: skip
         self._tell()
 
     def say(self, text: str) -> None:
         self._say(text)
-        self._reported.append(text)
+        self._messages.append(text)
         self._tell()
 
     def command(self) -> str:
@@ -138,8 +138,8 @@ class PanelScreen(Screen):
 
     def _tell(self) -> None:
         if self._end is not None and self._shown:
-            output = {"kind": GUIDE, "title": self._title, "step": self._number, "said": list(self._reported)}
-            self._end.tell(output | self._shown)
+            frame = {"kind": GUIDE, "title": self._title, "step": self._number, "said": list(self._messages)}
+            self._end.tell(frame | self._shown)
 
 
 def _share(share: float | None) -> float | None:

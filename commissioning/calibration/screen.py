@@ -182,7 +182,7 @@ def picture(title: str, view: View, typed: str = "") -> Panel:
         drawn: Any = ""
         if each.share is not None:
             drawn = ProgressBar(total=1.0, completed=min(each.share, 1.0), width=_BAR, **colours)
-        table.add_row(each.name, drawn, each.output)
+        table.add_row(each.name, drawn, each.text)
     rows.append(table)
     if view.missing:
         rows.append(Text(view.missing, style="red"))

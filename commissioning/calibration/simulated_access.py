@@ -67,7 +67,7 @@ class SimulatedDrive(RowSource):
         row = self._graph.row
         for each in rows:
             now = (self._lockstep.count + 1) * self._period
-            row.views[WAY][:], row.views[PRESS][:] = self._hold.reported(now)
+            row.views[WAY][:], row.views[PRESS][:] = self._hold.at(now)
             self._terminal[DEVICE.stamp] = (self._lockstep.count + 1) * self._lockstep.period
             self._lockstep.step()
             each[:] = row.words
@@ -121,7 +121,7 @@ class _Person:
         """`there`: rad, how near an angle the hand lets go."""
         self._hold, self._there = hold, there
         self.done, self.lost = True, False
-        self._reported = Drive(0, 0.0)
+        self._drive = Drive(0, 0.0)
         self._way, self._best = 1.0, np.inf
         self._next = self._since = self._started = 0.0
 
@@ -129,16 +129,16 @@ class _Person:
         """Begins another thing."""
         self.done = not isinstance(instruction, Drive)
         if isinstance(instruction, Drive):
-            self._reported, self._way, self._best = instruction, 1.0, np.inf
+            self._drive, self._way, self._best = instruction, 1.0, np.inf
             self._started = self._since = now
             self._next = now + REST + PAUSE  # the keys are free for a while, or they'd move nothing
 
     def look(self, seen: Array, commanded: Array, now: float) -> None:
         """What is seen now, (n,) rad."""
-        reported = self._reported
-        off = float(reported.angle - seen[reported.joint]) if reported.angle is not None else 0.0
-        if reported.angle is None and reported.commanded is not None:
-            off, self._way = float(reported.commanded - commanded[reported.joint]), 1.0  # the screen says which key
+        drive = self._drive
+        off = float(drive.angle - seen[drive.joint]) if drive.angle is not None else 0.0
+        if drive.angle is None and drive.commanded is not None:
+            off, self._way = float(drive.commanded - commanded[drive.joint]), 1.0  # the screen says which key
         self.lost = now > self._started + _TIMEOUT
         if abs(off) > self._there:
             self._since = now

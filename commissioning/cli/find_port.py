@@ -142,10 +142,10 @@ def listed(found: Sequence[SerialPort]) -> list[str]:
 def described(port: SerialPort, there: bool = True) -> list[str]:
     """What is known of a port, below its path. `there`: False for one that went."""
     lines = [f"  {likely(port)}"]
-    output = " ".join(filter(None, (port.maker, port.product)))
+    usb_text = " ".join(filter(None, (port.maker, port.product)))
     serial = f", serial number {port.serial}" if port.serial else ""
     if port.usb is not None:
-        lines.append(f"  USB {port.usb}{f' {output}' * bool(output)}{serial}")
+        lines.append(f"  USB {port.usb}{f' {usb_text}' * bool(usb_text)}{serial}")
     if port.path != port.device:
         lines.append(f"  now {port.device}: another order of plugging in changes that")
     if port.usb is not None and port.by_id is None:

@@ -77,13 +77,13 @@ def _one_of(words: Mapping[str, str], question: str) -> str:
         print(printable(f"'{answer}' is none of them") if answer else "one is needed")
 
 
-def ports(template: str, overrides: Sequence[str], reported: Collection[str]) -> list[str]:
-    """Asks for the port of each device that has one in the profile, but those that are `reported`: as for `--port`."""
+def ports(template: str, overrides: Sequence[str], named: Collection[str]) -> list[str]:
+    """Asks for the port of each device that has one in the profile, but those that are `named`: as for `--port`."""
     chosen: dict[str, str] = {}
     found = serial_ports.ports()
     for device, entry in profile.load(template, overrides)[0].devices.items():
         given = entry.options.get("port")
-        if given is None or device in reported:
+        if given is None or device in named:
             continue
         local = local_path(str(given)) is not None
         if local and found:

@@ -53,14 +53,14 @@ def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
 
 def _answers(drives: Drives, overrides: list[str], folder: Path) -> tuple[dict[str, Any], list[str]]:
     """What only a person knows of the motors, said by overrides or asked for, and the overrides of the rest."""
-    output = {path: text for path, text in map(split, overrides)}
+    given = {path: text for path, text in map(split, overrides)}
     answers: dict[str, Any] = {}
     taken = set()
     while (asked := drives.asks(answers)) is not None:
         path = f"devices.{DEVICE}.{asked.option}"
-        if path in output:
+        if path in given:
             taken.add(path)
-            answers[asked.option] = _reported(asked, path, output[path], folder)
+            answers[asked.option] = _answer(asked, path, given[path], folder)
         else:
             meaning = partial(_seen, asked, folder)
             place = f"--driver {drives.driver}"
@@ -68,7 +68,7 @@ def _answers(drives: Drives, overrides: list[str], folder: Path) -> tuple[dict[s
     return answers, [override for override in overrides if split(override)[0] not in taken]
 
 
-def _reported(asked: Asked, path: str, text: str, folder: Path) -> Any:
+def _answer(asked: Asked, path: str, text: str, folder: Path) -> Any:
     try:
         return _seen(asked, folder, text)
     except ValueError as error:

@@ -88,7 +88,7 @@ class Hold:
         self.joint, self.moving, self._until = joint, way, until
         self._number += 1
 
-    def reported(self, now: float) -> tuple[Array, Array]:
+    def at(self, now: float) -> tuple[Array, Array]:
         """`way` (n,) and `press` (1,) of the law at `now`, s: the newest press as long as it is fresh, then 0."""
         way = np.zeros(self._count)
         way[self.joint] = self.moving

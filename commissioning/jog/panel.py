@@ -37,7 +37,7 @@ class Panel:
         limits = layout.meta.get("limits", {}).get(subset.actuator.name, {})
         self._lower, self._upper = (np.ravel(limits.get(key, [])) for key in ("lower", "upper"))
 
-    def view(self, row: Any, chosen: int, output: Sequence[str]) -> View:
+    def view(self, row: Any, chosen: int, messages: Sequence[str]) -> View:
         """The view of a row (width,)."""
         state, cause = State(int(row[CYCLE.state])), Cause(int(row[CYCLE.cause]))
         self._started = self._started or state in (State.HOMING, State.ACTIVE, State.STOPPING)
@@ -61,7 +61,7 @@ class Panel:
         if self._load is not None:
             load_text = f"{self._load.partition('.')[2]} {self._layout.fields[self._load].unit}"
         velocities = self._actuator.command.kind is Kind.VELOCITY
-        return View(self._title, velocities, joints, chosen, load_text, text, state is State.ACTIVE, keys, output)
+        return View(self._title, velocities, joints, chosen, load_text, text, state is State.ACTIVE, keys, messages)
 
     def _of(self, row: Any, name: str | None) -> Mapping[str, float]:
         """A signal's elements by the joints' names; NaN for what isn't there."""

@@ -55,7 +55,7 @@ class View:
         state: the run's state, in words.
         well: whether the joint moves when a key is pressed.
         help: the keys that count now.
-        output: the newest messages, the last one last.
+        messages: the newest messages, the last one last.
     """
 
     title: str
@@ -66,7 +66,7 @@ class View:
     state: str
     well: bool
     help: str
-    output: Sequence[str] = field(default=())
+    messages: Sequence[str] = field(default=())
 
 
 def lines(view: View, width: int, height: int) -> list[str]:
@@ -90,8 +90,8 @@ def lines(view: View, width: int, height: int) -> list[str]:
     console.print()
     shown: list[str] = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     room = height - len(shown)
-    output = [line for text in view.output for line in wrap(text, width)]
-    return [*shown, *(output[-room:] if room > 0 else ())]
+    messages = [line for text in view.messages for line in wrap(text, width)]
+    return [*shown, *(messages[-room:] if room > 0 else ())]
 
 
 def _table(view: View, load: bool, bar: bool) -> Table:

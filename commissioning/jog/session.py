@@ -49,7 +49,7 @@ class Face(Protocol):
     def lines(self, view: View, width: int, height: int) -> list[str]:
         """What is shown on a terminal of this size; `view`: the joints' table and the run's state."""
 
-    def output(self, text: str) -> None:
+    def say(self, text: str) -> None:
         """Takes a message."""
 
 
@@ -93,7 +93,7 @@ class Session:
         self._automatic, self._advice = arm[0] and not subset.left_out, arm[1]
         fresh = max(FRESH, 1.5 / float(subset.profile.rate))
         self.hold = Hold(tuple(subset.speed), fresh, step)
-        self._reported: deque[str] = deque(maxlen=_KEPT)
+        self._messages: deque[str] = deque(maxlen=_KEPT)
         self.why = ""
         self.interrupted = False
 
@@ -160,11 +160,11 @@ class Session:
 
     def _report(self, text: str) -> None:
         if self._face is not None:
-            self._face.output(text)
+            self._face.say(text)
         elif self._panel:
             self._say(text)
         else:
-            self._reported.append(text)
+            self._messages.append(text)
 
     def _supervised(
         self, supervisor: Supervisor, kept: PersistentLatches | None, terminal: Terminal | Presses
@@ -187,7 +187,7 @@ class Session:
             supervisor.finish()
         if supervisor.rows is not None:
             row = supervisor.rows.newest()
-        for text in self._reported:
+        for text in self._messages:
             self._say(text)
         if supervisor.error is not None:
             raise supervisor.error
@@ -243,7 +243,7 @@ class Session:
         return row
 
     def _picture(self, panel: Panel, row: Any, width: int, height: int) -> list[str]:
-        view = panel.view(row, self.hold.joint, tuple(self._reported))
+        view = panel.view(row, self.hold.joint, tuple(self._messages))
         return lines(view, width, height) if self._face is None else self._face.lines(view, width, height)
 
     @staticmethod
@@ -300,7 +300,7 @@ class Desk:
     def tell(self, row: Any) -> None:
         """Tells the loop of the keys: a new press at once, that the terminal is there every `_TELL`."""
         now = time.monotonic()
-        way, press = self.hold.reported(now)
+        way, press = self.hold.at(now)
         if now >= self._reported + _TELL or (press[0] and press[0] != self._number):
             self._reported, self._number = now, float(press[0])
             expires = round(self.hold.expires(now) * 1e9)

@@ -229,8 +229,8 @@ class MocaImpedance(Controller):
 
     def bind(self, *arrays: Any) -> None:
         super().bind(*arrays)
-        reported = self._config.payload
-        payload = reported.payload() if isinstance(reported, LoadConfig) else None
+        entry = self._config.payload
+        payload = entry.payload() if isinstance(entry, LoadConfig) else None
         _, _, _, w, x, y, z = self.transform["mount"].tolist()
         upright, rotors = (w, x, y, z), self._config.rotors
         self._dynamics = ArmDynamics(self._robot, payload, upright, rotors=rotors == "all")

@@ -197,7 +197,7 @@ class StrapBase(Controller):
             self._bounded += size > self._config.most
             self._lying = self._lying + dt if isinf(self._beyond) else 0.0
             self.lost = self._lying > self._config.fade
-            self.why = self._reported(size) if self.lost else ""
+            self.why = self._why(size) if self.lost else ""
         if self._beyond > self._config.fade:
             new = None  # no strap gives way so far for so long: a sensor has come off, or its mount is wrong
         self._losses += self._seen and new is None
@@ -230,7 +230,7 @@ class StrapBase(Controller):
             return None
         return tilt(up_in(self._mount, base, UP_Z), up_in(self._worn, body, self._up))
 
-    def _reported(self, size: float) -> str:
+    def _why(self, size: float) -> str:
         """Why the limb stops. `size`: rad, of the tilt."""
         body = "'body'" if self._config.reference == "imu" else "the suit"
         return (

@@ -233,9 +233,9 @@ def _guided(path: Path, text: str, sensors: int) -> Calibration:
     fits = {name: Fit(gain=line.gain, offset=line.offset) for name, line in made.sensors.items()}
     known = [name for name in made.average if name in LABELS[sensors]]
     table = _table(path, fits | {name: _typical(name) for name in known}, sensors)
-    reported = ["calibrated in simulation, which says nothing about a real glove"] if made.simulated else []
-    reported += [f"{', '.join(known)}: of an average hand"] if known else []
-    return Calibration(table, note="; ".join(reported), hand=made.hand, person=made.person, simulated=made.simulated)
+    notes = ["calibrated in simulation, which says nothing about a real glove"] if made.simulated else []
+    notes += [f"{', '.join(known)}: of an average hand"] if known else []
+    return Calibration(table, note="; ".join(notes), hand=made.hand, person=made.person, simulated=made.simulated)
 
 
 def _refused(path: Path, error: ValidationError, remedy: str) -> ProfileError:

@@ -46,9 +46,9 @@ class StoredGoals(Goals):
         near = self._waking(command, position, away)
         ready = [i for i in near if abs(self.stored[i] - units.seen[i]) <= self._reach]
         self.waiting = len(ready) < len(near)
-        reported = np.array(self.powered)
-        reported[near] = True
-        goals = units.again(reported) if reported.any() else b""
+        commanded = np.array(self.powered)
+        commanded[near] = True
+        goals = units.again(commanded) if commanded.any() else b""
         self._next = goals
         if ready:
             goals += units.frame("torque_enable", 1, [units.ids[i] for i in ready])

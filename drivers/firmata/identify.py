@@ -107,10 +107,10 @@ def _version(messages: Iterator[Message]) -> Version | None:
 
 def _unknown(url: str, heard: bytes, place: str) -> DeviceError:
     if heard:
-        output = heard[:16].hex(" ")
+        bytes_text = heard[:16].hex(" ")
         return DeviceError(
             place,
-            f"what answers at {url} with {protocol.BAUDRATE} baud isn't a Firmata board: it said {output}",
+            f"what answers at {url} with {protocol.BAUDRATE} baud isn't a Firmata board: it said {bytes_text}",
             f"Check that 'port' names the board, not another device. If it does: {FLASH}",
         )
     return DeviceError(

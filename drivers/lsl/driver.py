@@ -102,9 +102,9 @@ class Lsl(Sensor):
             wanted, exposed = config.stream.predicate(), config.unencrypted_network
             order = wire.Order(config.host, config.number, exposed, config.here, wanted)
             self._helper.tell(wire.words(b"O", order._asdict()))
-            reported = self._await(START, "R")
-            assert isinstance(reported, wire.Words)
-            self._rows = Rows(config, match(self._place, config, reported.content))
+            description = self._await(START, "R")
+            assert isinstance(description, wire.Words)
+            self._rows = Rows(config, match(self._place, config, description.content))
             if config.rate:
                 self._check_clock(self._await(FIRST, "D"))
         except ProcessEndedError:
@@ -114,7 +114,7 @@ class Lsl(Sensor):
         except BaseException:
             self.close()
             raise
-        uid = str(reported.content["uid"])
+        uid = str(description.content["uid"])
         self.health.message = "the sender has started anew" if self._uid not in ("", uid) else ""
         self._uid = uid
         self.health.opened()

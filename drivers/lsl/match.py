@@ -29,24 +29,24 @@ class Picked:
     factors: Array
 
 
-def match(place: str, config: LslConfig, reported: dict[str, Any]) -> dict[str, Picked]:
+def match(place: str, config: LslConfig, description: dict[str, Any]) -> dict[str, Picked]:
     """Compares a stream's description, as the process tells it, with the profile. Returns the channels by signal.
 
     Raises:
         DeviceError: another rate or number of channels, no such label or one that is there twice, a unit that is
             unknown, another one than the profile says, or not stated at all.
     """
-    rate, count = float(reported["rate"]), int(reported["count"])
+    rate, count = float(description["rate"]), int(description["count"])
     if abs(rate - config.rate) > 1e-3 * max(config.rate, 1e-3):
         there, here = (f"{value:g} Hz" if value else "irregular" for value in (rate, config.rate))
         raise DeviceError(place, f"the stream's rate is {there}, the profile's {here}", _PROFILE)
     if config.count is not None and count != config.count:
         raise DeviceError(place, f"the stream has {count} channels, the profile says {config.count}", _PROFILE)
-    return {name: _picked(place, name, entry, reported) for name, entry in config.signals.items()}
+    return {name: _picked(place, name, entry, description) for name, entry in config.signals.items()}
 
 
-def _picked(place: str, name: str, entry: LslSignal, reported: dict[str, Any]) -> Picked:
-    labels, units = list(map(str, reported["labels"])), list(map(str, reported["units"]))
+def _picked(place: str, name: str, entry: LslSignal, description: dict[str, Any]) -> Picked:
+    labels, units = list(map(str, description["labels"])), list(map(str, description["units"]))
     columns = [_column(place, name, where, labels) for where in entry.channels.values()]
     factors = []
     for label, column in zip(entry.channels, columns, strict=True):
@@ -61,13 +61,13 @@ def _picked(place: str, name: str, entry: LslSignal, reported: dict[str, Any]) -
         if unit != entry.unit:  # a quaternion's, which has no other
             factors.append(by or 1.0)
             continue
-        output = factor(entry.sent, unit) if entry.sent is not None else None
-        if by is None and output is None:
+        by_profile = factor(entry.sent, unit) if entry.sent is not None else None
+        if by is None and by_profile is None:
             problem = f"{channel} has no unit: whether volts or microvolts is a factor of a million"
             raise DeviceError(place, problem, f"Say it as `sent` of the signal '{name}'")
-        if by is not None and output is not None and by != output:
+        if by is not None and by_profile is not None and by != by_profile:
             raise DeviceError(place, f"{channel} is in '{stated}', the profile says '{entry.sent}'", "Correct `sent`")
-        factors.append(output if by is None else by)  # type: ignore[arg-type]
+        factors.append(by_profile if by is None else by)  # type: ignore[arg-type]
     return Picked(np.array(columns), np.array(factors))
 
 

@@ -266,14 +266,14 @@ class Opening:
         step = turn * abs(scale)
         low, high = ceil((motor.lower - slack - axis) / step), floor((motor.upper + slack - axis) / step)
         places = [axis + k * step for k in range(low, high + 1)]
-        reported = ", ".join(f"{place:.2f}" for place in places)
+        could = ", ".join(f"{place:.2f}" for place in places)
         if motor.park is not None:
             park = motor.park
             near = min(places, key=lambda place: abs(place - park), default=None)
             if near is None or abs(near - park) > step / 4:
                 raise DeviceError(
                     self._place,
-                    f"{who} isn't parked at {park:g}: it could stand at {reported or 'no angle of its travel'}",
+                    f"{who} isn't parked at {park:g}: it could stand at {could or 'no angle of its travel'}",
                     "Power it off, bring it to its park by hand, power it on and open it again",
                 )
             places = [near]
@@ -287,7 +287,7 @@ class Opening:
         if len(places) > 1:
             raise DeviceError(
                 self._place,
-                f"{who} could stand at {reported}: after power-up its encoder knows its angle only within {step:.2f}",
+                f"{who} could stand at {could}: after power-up its encoder knows its angle only within {step:.2f}",
                 "Add 'park', the angle at which it rests when it gets power, and bring it there before; or narrow its "
                 "travel",
             )
@@ -379,11 +379,11 @@ def same_place(found: Found, before: list[float], config: MitCanConfig, place: s
     ):
         now = state.position + offset
         if motor.park is not None and abs(now - was) > config.start_tolerance:
-            reported = [(shaft - motor.zero) * motor.scale for shaft in (was, now)]
+            angles = [(shaft - motor.zero) * motor.scale for shaft in (was, now)]
             raise DeviceError(
                 place,
-                f"'{name}' (id {motor.id}) stood at {reported[0]:.2f} when it was last heard, and would be at "
-                f"{reported[1]:.2f} if it was parked",
+                f"'{name}' (id {motor.id}) stood at {angles[0]:.2f} when it was last heard, and would be at "
+                f"{angles[1]:.2f} if it was parked",
                 "Nobody can tell its turns now: support the limb, park it, switch its drives off and on there, and "
                 "start the run anew",
             )

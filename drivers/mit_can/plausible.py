@@ -13,7 +13,7 @@ class Plausible:
     """One motor's travel by its positions, and by its velocities."""
 
     def __init__(self) -> None:
-        self._moved = self._reported = 0.0
+        self._moved = self._integrated = 0.0
         self._at = -1
 
     def take(self, by: float, velocity: float, now: int) -> None:
@@ -21,14 +21,14 @@ class Plausible:
         dt, self._at = (now - self._at) * 1e-9 if self._at >= 0 else 0.0, now
         if 0 < dt < 0.05 and abs(velocity) > SLOW:
             self._moved += abs(by)
-            self._reported += abs(velocity) * dt
+            self._integrated += abs(velocity) * dt
 
     @property
     def implausible(self) -> str:
         """In words; "" if nothing is wrong, or not enough was seen."""
-        if max(self._moved, self._reported) < FROM:
+        if max(self._moved, self._integrated) < FROM:
             return ""
-        share = self._reported / max(self._moved, 1e-6)
+        share = self._integrated / max(self._moved, 1e-6)
         if LOW <= share <= HIGH:
             return ""
         return f"its velocity says {share:.2f} times its motion: check 'model', 'firmware' and 'range'"

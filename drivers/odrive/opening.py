@@ -166,10 +166,10 @@ def _identity(link: CanLink, axis: OdriveAxis, place: str, who: str, question: Q
             "Give each its own with the maker's tool",
         )
     if axis.serial is not None and serials != {axis.serial}:
-        reported = f"has the serial number {serials.pop()}" if serials else "doesn't tell its serial number"
+        serial_text = f"has the serial number {serials.pop()}" if serials else "doesn't tell its serial number"
         raise DeviceError(
             place,
-            f"{who} {reported}; the profile says {axis.serial}",
+            f"{who} {serial_text}; the profile says {axis.serial}",
             "Node ids are swapped, or the ODrive was exchanged: correct 'node' or 'serial'",
         )
 

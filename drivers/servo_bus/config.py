@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from math import pi
 from typing import Annotated, ClassVar, Self, TypeVar
@@ -53,7 +54,7 @@ class AxisConfig(BaseModel):
         return -size if self.reversed else size
 
 
-class ServoConfig(AxisConfig):
+class ServoConfig(AxisConfig, ABC):
     """One axis of a bus servo, whose shaft is at 0 at 2048 counts."""
 
     zero: Finite = Field(0.0, description="rad, the shaft's angle where the axis is at 0; 0 is 2048 counts")
@@ -62,9 +63,9 @@ class ServoConfig(AxisConfig):
     )
 
     @property
+    @abstractmethod
     def facts(self) -> Nominal:
         """The model's data."""
-        raise NotImplementedError
 
     @property
     def entry(self) -> Entry:

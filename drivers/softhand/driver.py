@@ -80,7 +80,7 @@ class SoftHand(Driver):
         self._parser = Parser()
         self._link: Transport | None = None
         self._range = USUAL
-        self._reported = ""  # where the range comes from
+        self._range_source = ""  # where the range comes from
         self._serial = ""
         self._queries = {query: protocol.frame(config.id, query) for query in (_GET_BOTH, _GET_ACTIVATE)}
         self._queries[Cmd.SET_WATCHDOG] = protocol.set_watchdog(config.id, round(config.watchdog * 1000))
@@ -111,7 +111,7 @@ class SoftHand(Driver):
         try:
             opening = Opening(link, self._parser, self.config, self._place)
             self._serial = opening.identify()
-            self._range, self._reported = opening.find_range()
+            self._range, self._range_source = opening.find_range()
             on, self._armed = opening.arm(self._queries[Cmd.SET_WATCHDOG])
             self._surely_off = not on
         except BaseException:
@@ -123,7 +123,7 @@ class SoftHand(Driver):
         self._count()
         self.health.fault = ""
         self.health.opened()
-        self.health.message = self._reported
+        self.health.message = self._range_source
 
     def read(self, now: int) -> None:
         """Also continues switching on or off."""
@@ -194,7 +194,7 @@ class SoftHand(Driver):
     def recover(self, now: int) -> None:
         """Clears the fault. The next start switches the motor on again, at the hand's position at that time."""
         self.health.fault = ""
-        self.health.message = self._reported
+        self.health.message = self._range_source
         self._motor = _OFF
         self._sent = self._hold_frames = None
 

@@ -44,19 +44,19 @@ class Opening:
             DeviceError: the hand doesn't control its position, or the profile's range isn't within its own.
         """
         config = self._config
-        reported = self._settings()
-        if reported is not None and reported.control:
+        settings = self._settings()
+        if settings is not None and settings.control:
             mode = (
-                protocol.CONTROL[reported.control]
-                if reported.control < len(protocol.CONTROL)
-                else str(reported.control)
+                protocol.CONTROL[settings.control]
+                if settings.control < len(protocol.CONTROL)
+                else str(settings.control)
             )
             raise DeviceError(
                 self._place,
                 f"the hand is set to control its {mode}, so a reference is no position",
                 "Set its control mode to position with the maker's program",
             )
-        own = reported.limits if reported is not None else None
+        own = settings.limits if settings is not None else None
         if config.limits is None:
             limits = own or USUAL
             source = "by the hand itself" if own else "assumed: the hand doesn't tell; give 'limits' to be sure"

@@ -83,23 +83,23 @@ class Handshake:
 
     def _agree(self, kind: Kind, request: bytes, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
         answer = self._ask(kind, request)
-        output = answer[1:].decode("ascii", "replace").split(",")
-        if IN_USE in output:
-            taken = names[output.index(IN_USE)] if len(output) == len(names) else "an input"
+        types_got = answer[1:].decode("ascii", "replace").split(",")
+        if IN_USE in types_got:
+            taken = names[types_got.index(IN_USE)] if len(types_got) == len(names) else "an input"
             raise DeviceError(
                 self._place,
                 f"another client holds the arm's inputs ({taken})",
                 "End the other program (a second service, a PLC or fieldbus that claims the upper registers)",
             )
-        wrong = [f"{name} ({got})" for name, got, wanted in zip(names, output, types, strict=False) if got != wanted]
-        if wrong or len(output) != len(names):
-            absent = NOT_FOUND in output
+        wrong = [f"{name} ({got})" for name, got, wanted in zip(names, types_got, types, strict=False) if got != wanted]
+        if wrong or len(types_got) != len(names):
+            absent = NOT_FOUND in types_got
             raise DeviceError(
                 self._place,
-                f"the controller has no {', '.join(wrong)}" if absent else f"RTDE answers {','.join(output)[:120]}",
+                f"the controller has no {', '.join(wrong)}" if absent else f"RTDE answers {','.join(types_got)[:120]}",
                 f"PolyScope is {'.'.join(map(str, self.version[:3]))}; update it" if absent else _NOT_RTDE,
             )
-        return answer[0], Recipe(names, output)
+        return answer[0], Recipe(names, types_got)
 
     def _ask(self, kind: Kind, request: bytes) -> bytes:
         self._link.write_all(request, ANSWER)
@@ -118,7 +118,7 @@ class Handshake:
             data = self._link.read_wait(left)
             heard = (heard + data)[:12]
             self._early += self.parser.feed(data)
-        output = f"the bytes {heard.hex(' ')}" if heard else "nothing"
+        got = f"the bytes {heard.hex(' ')}" if heard else "nothing"
         raise DeviceError(
-            self._place, f"expected RTDE's answer '{chr(kind)}' at {self._link.url}, got {output}", _NOT_RTDE
+            self._place, f"expected RTDE's answer '{chr(kind)}' at {self._link.url}, got {got}", _NOT_RTDE
         )

@@ -30,6 +30,6 @@ def fastest(model: str) -> Array:
     return np.array([radians(value) for value in _DEGREES[model]])
 
 
-def same(model: str, output: str) -> bool:
+def same(model: str, name: str) -> bool:
     """Returns whether the dashboard's name of the model (UR16, UR16e) means this model."""
-    return model.lower().removesuffix("e") == output.strip().lower().removesuffix("e")
+    return model.lower().removesuffix("e") == name.strip().lower().removesuffix("e")

@@ -202,8 +202,8 @@ class Zenoh(Sensor):
     def _check(self, source: _Source) -> None:
         """Compares the other runtime's metadata of the signal with what the profile expects."""
         key = source.entry.key
-        reported = self._ask(f"{key}/meta").get(f"{key}/meta")
-        if reported is None:
+        meta = self._ask(f"{key}/meta").get(f"{key}/meta")
+        if meta is None:
             known = self._ask(f"srl/{source.entry.instance}/state/**")
             if not known:
                 raise DeviceError(
@@ -212,16 +212,16 @@ class Zenoh(Sensor):
             keys = [name.removesuffix("/meta") for name in known]
             raise DeviceError(self.name, f"there is no signal '{key}'", nearest(key, keys))
         signal, entry = source.signal, source.entry
-        if entry.type is not None and reported.get("type") != entry.type:
-            raise DeviceError(self.name, f"'{key}' carries {reported.get('type')}, expected {entry.type}", _KEY)
-        shape, labels = (value if isinstance(value := reported.get(name), list) else [] for name in ("shape", "labels"))
+        if entry.type is not None and meta.get("type") != entry.type:
+            raise DeviceError(self.name, f"'{key}' carries {meta.get('type')}, expected {entry.type}", _KEY)
+        shape, labels = (value if isinstance(value := meta.get(name), list) else [] for name in ("shape", "labels"))
         # A sender of an earlier version doesn't name the elements of a pose, nor any components.
-        names: tuple[str, ...] = tuple(map(str, labels)) or TERMS.get(str(reported.get("type")), ())
-        components = reported.get("components") or list(map(list, signal.components))
+        names: tuple[str, ...] = tuple(map(str, labels)) or TERMS.get(str(meta.get("type")), ())
+        components = meta.get("components") or list(map(list, signal.components))
         for what, there, here in (
             ("shape", tuple(shape), signal.shape),
-            ("unit", reported.get("unit"), signal.unit),
-            ("frame", reported.get("frame") if entry.frame else None, entry.frame),
+            ("unit", meta.get("unit"), signal.unit),
+            ("frame", meta.get("frame") if entry.frame else None, entry.frame),
             ("labels", sorted(names) if signal.labels else [], sorted(signal.labels)),
             ("components", components, list(map(list, signal.components))),
         ):

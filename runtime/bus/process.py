@@ -79,7 +79,7 @@ class Bus:
         counts = self._reporter.counts
         self._requests = Requests(self._layout, self._keys, self._request_ring, counts, self._arrivals)
         self._row = self._ring.newest()
-        self._reported: tuple[int, ...] | None = None  # state, cause and latches of the last status
+        self._last_status: tuple[int, ...] | None = None  # state, cause and latches of the last status
         self._status_due = self._listeners_due = 0
         self._silent = False
         self._sent, self._sender = 0, os.urandom(16)  # for the samples' attachments: their number and sender
@@ -216,9 +216,9 @@ class Bus:
         """The rows at which the state, the cause or the latches change."""
         found = []
         for row in rows:
-            output = int(row[_STATE]), int(row[_CAUSE]), int(row[_LATCHES])
-            if output != self._reported:
-                self._reported = output
+            status = int(row[_STATE]), int(row[_CAUSE]), int(row[_LATCHES])
+            if status != self._last_status:
+                self._last_status = status
                 found.append(row)
         return found[-MOST:]
 

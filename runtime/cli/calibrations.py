@@ -18,23 +18,23 @@ def warnings(files: Mapping[str, bytes], today: datetime.date) -> list[str]:
     """Warnings about files (their content by name), a line each. Files of the simulated person are left out."""
     found, persons = list[str](), dict[str, str]()
     for name, content in files.items():
-        output = parse(content)
-        if output.get("simulated") is True:
+        record = parse(content)
+        if record.get("simulated") is True:
             continue
-        whose = output.get("person")
+        whose = record.get("person")
         if isinstance(whose, str) and re.fullmatch(ANONYMOUS, whose):
             persons.setdefault(whose, name)
-        until = WORN.get(str(output.get("format")))
+        until = WORN.get(str(record.get("format")))
         if until is None:
             continue
         try:
-            days = (today - datetime.date.fromisoformat(str(output.get("date")))).days
+            days = (today - datetime.date.fromisoformat(str(record.get("date")))).days
         except ValueError:
             continue
         if days:
             when = f"{days} day{'s' * (days > 1)} ago" if days > 0 else "on a day that hasn't come yet"
             found.append(f"{name}: it was made {when}, and holds only while {until}: calibrate again")
     if len(persons) > 1:
-        reported = ", ".join(f"{whose} ({name})" for whose, name in persons.items())
-        found.append(f"the files are of {len(persons)} persons: {reported}. `srl run --person` refuses another one's")
+        listed = ", ".join(f"{whose} ({name})" for whose, name in persons.items())
+        found.append(f"the files are of {len(persons)} persons: {listed}. `srl run --person` refuses another one's")
     return found

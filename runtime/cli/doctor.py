@@ -84,8 +84,8 @@ def _of(name: str, overrides: list[str], wanted: Wanted, rate: Fraction | None) 
     try:
         graph = wiring.build(checked, source)
     except SrlError as error:  # a calibration that isn't there, for one: the host is looked at all the same
-        output = Finding("profile", "bad", f"{error.place}: {error.problem}", error.remedy, f"srl check {words}")
-        return wanted, [output, *findings]
+        finding = Finding("profile", "bad", f"{error.place}: {error.problem}", error.remedy, f"srl check {words}")
+        return wanted, [finding, *findings]
     buses = {d.traffic.bus: d.traffic.bitrate for d in graph.devices if d.traffic is not None}
     rows = file_size(graph.layout.width, rows_kept(wanted.rate))
     of_files = calibrations.warnings(source.files.kept, datetime.date.today())

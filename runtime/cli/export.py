@@ -92,13 +92,13 @@ def run(args: argparse.Namespace) -> int:
             others = ", ".join(f"--{other}" for other in needed)
             raise RequestError(f"--{option}", f"it is for {others}", f"Add --{needed[0]} FILE, or leave it out")
     with working(f"{args.recording} is exported"):
-        metrics, output, missing = _export(args)
+        metrics, lines, missing = _export(args)
     if args.json:
         print(json.dumps(metrics))
         return 0
     if missing:
         print(f"{missing} rows are missing; where a format has no gaps, what was before them is held")
-    print("\n".join(output))
+    print("\n".join(lines))
     return 0
 
 
@@ -113,32 +113,32 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
     metrics: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
-    output = _data(recording, args, metrics)
+    lines = _data(recording, args, metrics)
     if args.rrd is not None:
         metrics["rrd"] = str(args.rrd)
-        output += [f"{args.rrd}: {rows} rows", *(f"not whole: {line}" for line in left_out)]
+        lines += [f"{args.rrd}: {rows} rows", *(f"not whole: {line}" for line in left_out)]
     if args.bvh is not None:
         frames, law, period = _bvh(recording, args)
         metrics |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}
-        output.append(f"{args.bvh}: {frames} frames of {law}, {1.0 / period:g} a second")
+        lines.append(f"{args.bvh}: {frames} frames of {law}, {1.0 / period:g} a second")
     if args.page is not None:
         from srl.runtime.pictures.bvh_page import draw_page
 
         draw_page(recording, args.bvh, args.page, args.show or ())
         metrics["page"] = str(args.page)
-        output.append(f"{args.page}: the beginning of {args.bvh}")
+        lines.append(f"{args.page}: the beginning of {args.bvh}")
     if args.tree is not None:
         from srl.runtime.pictures.node_tree import draw_tree
 
         metrics |= {"tree": str(args.tree), "nodes": (nodes := draw_tree(recording, args.tree, args.show or ()))}
-        output.append(f"{args.tree}: {nodes} nodes")
+        lines.append(f"{args.tree}: {nodes} nodes")
     if args.stills is not None:
         from srl.runtime.pictures import stills
 
         times = args.at if args.at is not None else stills.spread(recording, STILLS)
         stills.draw(recording, args.stills, times, args.names or (), args.show or (), args.side)
         metrics |= {"stills": str(args.stills), "at": times}
-        output.append(f"{args.stills}: {len(times)} instants")
+        lines.append(f"{args.stills}: {len(times)} instants")
     if args.film is not None:
         from srl.runtime.pictures import film
 
@@ -146,15 +146,15 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
         between = None if args.between is None else (args.between[0], args.between[1])
         count, period = film.draw(recording, args.film, between, rate, tuple(args.show or ()), args.side)
         metrics |= {"film": str(args.film), "pictures": count, "film_period": period}
-        output.append(f"{args.film}: {count} pictures, {1.0 / period:g} a second")
-    return metrics, output, missing
+        lines.append(f"{args.film}: {count} pictures, {1.0 / period:g} a second")
+    return metrics, lines, missing
 
 
 def _data(recording: Recording, args: argparse.Namespace, metrics: dict[str, object]) -> list[str]:
     """Writes the files of data; returns what to say of them."""
     from srl.runtime.export import formats
 
-    output = []
+    lines = []
     for form in formats.FORMATS:
         target = getattr(args, form)
         if target is None:
@@ -162,9 +162,9 @@ def _data(recording: Recording, args: argparse.Namespace, metrics: dict[str, obj
         rate = _rate(args.rate) if args.rate is not None else None
         report = formats.write(form, recording, target, rate=rate, person=args.person)
         metrics[form] = {"files": [str(p) for p in report.files], "left_out": report.left_out}
-        output.append(f"{target}: {report.content}")
-        output += [f"  left out: {line}" for line in report.left_out]
-    return output
+        lines.append(f"{target}: {report.content}")
+        lines += [f"  left out: {line}" for line in report.left_out]
+    return lines
 
 
 def _bvh(recording: Recording, args: argparse.Namespace) -> tuple[int, str, float]:

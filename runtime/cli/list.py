@@ -44,8 +44,8 @@ def _drivers() -> list[dict[str, Any]]:
     for name in registry.names("drivers"):
         item: dict[str, Any] = {"name": name, "fake": name in fakes, "twin": name in twins}
         try:
-            output = registry.describe("drivers", name, ("summary", "gives", "takes"))
-            item |= {"summary": output["summary"], "states": output["gives"], "commands": output["takes"]}
+            described = registry.describe("drivers", name, ("summary", "gives", "takes"))
+            item |= {"summary": described["summary"], "states": described["gives"], "commands": described["takes"]}
         except SrlError as error:
             item |= {"summary": str(error), "states": [], "commands": []}
         found.append(item)

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     lsl = load(args.exposed)
     addresses = [] if args.exposed else refuse_strangers(_REMEDY)
     outlet = Outlet(lsl, choose(args.instance), args.signals)
-    reported, lack, lost, due = "", "", 0, 0.0
+    description, lack, lost, due = "", "", 0, 0.0
     try:
         while not ended:
             now = time.monotonic()
@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
                 due = now + NEWS
                 if not args.exposed:
                     addresses = refuse_strangers(_REMEDY, addresses)  # a cable or a radio that comes up later
-                if outlet.description != reported:
-                    reported = outlet.description
-                    print(f"{reported} (Ctrl-C ends)", flush=True)
+                if outlet.description != description:
+                    description = outlet.description
+                    print(f"{description} (Ctrl-C ends)", flush=True)
                 if outlet.lack != lack:
                     lack = outlet.lack
                     print(

@@ -108,10 +108,10 @@ def _words(done: ScreenTrial) -> str:
         return f"broken off: {done.aborted}"
     error = 100 * float(np.sqrt(np.nanmean((done.samples[:, 1] - done.samples[:, 2]) ** 2)))
     timing = done.timing
-    output = f"RMSE {error:.2f} of 100 over {len(done.samples)} rows"
+    score = f"RMSE {error:.2f} of 100 over {len(done.samples)} rows"
     if "interval_p50" in timing:
-        output += f"; {1 / timing['interval_p50']:.1f} frames/s, {100 * timing['missed']:.1f} % missed"
-    return output
+        score += f"; {1 / timing['interval_p50']:.1f} frames/s, {100 * timing['missed']:.1f} % missed"
+    return score
 
 
 def demo_curve(number: int) -> tuple[float, ...]:

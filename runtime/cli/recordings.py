@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     if args.delete:
         return _delete(chosen, args)
     if args.json:
-        print(json.dumps({"recordings": [_reported(entry) for entry in chosen]}))
+        print(json.dumps({"recordings": [_as_json(entry) for entry in chosen]}))
     else:
         _list(chosen)
     return 0
@@ -92,7 +92,7 @@ def _chosen(args: argparse.Namespace, found: Sequence[Entry]) -> list[Entry]:
     return chosen
 
 
-def _reported(entry: Entry) -> dict[str, object]:
+def _as_json(entry: Entry) -> dict[str, object]:
     return {"name": entry.name, "path": str(entry.path), "bytes": entry.size, "date": entry.summary.date} | asdict(
         entry.summary
     )

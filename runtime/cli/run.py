@@ -257,7 +257,7 @@ def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profil
     if args.record is None:
         return []
     folder = args.record.absolute().parent
-    output: list[str] = []
+    texts: list[str] = []
     if checked.record.keep is not None:
         # Not at the top: it loads rerun.
         from srl.runtime.recording.keep import Keep, make_room
@@ -265,16 +265,16 @@ def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profil
 
         run = Layout(devices=[])
         run.meta = {"person": args.person, "profile": source.text, "files": encoded(source.files.kept)}
-        why = make_room(folder, Keep.of(checked.record.keep.model_dump()), persons(run), output.append)
+        why = make_room(folder, Keep.of(checked.record.keep.model_dump()), persons(run), texts.append)
         if why:
-            for text in output:  # else the run's events say it
+            for text in texts:  # else the run's events say it
                 status.line(text)
             remedy = "Move or delete some (srl recordings --delete), or raise record.keep in the profile"
             raise RequestError(f"--record: {folder}", why, remedy)
     if free_bytes(folder) < ROOM:
         problem = f"its disk has less than {ROOM >> 20} MiB free, so the recording would soon be cut short"
         raise RequestError(f"--record: {folder}", problem, "Free some, or choose another folder")
-    return output
+    return texts
 
 
 def _check_owners(person: str | None, source: Source, graph: Graph) -> None:

@@ -104,12 +104,12 @@ def _values(values: Mapping[str, float | None]) -> str:
     return ", ".join(f"{name} {_number(value)}" for name, value in values.items())
 
 
-def _reported(value: object) -> str:
+def _as_text(value: object) -> str:
     """An option's value as a profile would have it, without quotes."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_reported(each)}" for key, each in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {_as_text(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_reported, value)) + "]"
+        return "[" + ", ".join(map(_as_text, value)) + "]"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -136,8 +136,8 @@ def _wiring(overview: Item) -> Iterator[str]:
             bounds = f"{_number(p['lower'])} to {_number(p['upper'])}{unit}"
             yield from _wrapped(4, f"live {p['name']}: {_number(p['default'])}{unit} ({bounds}): {p['text']}")
     if overview["commands"]:
-        output = "limits: the narrower of the profile's and the driver's; a device may narrow them once it is open"
-        yield from _wrapped(2, output)
+        line = "limits: the narrower of the profile's and the driver's; a device may narrow them once it is open"
+        yield from _wrapped(2, line)
     for command in overview["commands"]:
         yield from _guard(command)
     yield from _stops(overview["stops"])
@@ -162,7 +162,7 @@ def _guard(command: Item) -> Iterator[str]:
         lag = f"lag {clear['lag']:g} s, tracking {_short(clear['tracking'])}"
         yield from _wrapped(4, f"keeps clear ({clear['use']}): {clear['summary']}; {lag}")
         if clear["options"]:
-            yield from _wrapped(6, ", ".join(f"{key} {_reported(value)}" for key, value in clear["options"].items()))
+            yield from _wrapped(6, ", ".join(f"{key} {_as_text(value)}" for key, value in clear["options"].items()))
         for wire in clear["reads"]:
             yield from _wire(f"reads {wire['port']:<14} <- {' + '.join(wire['signals'])}", wire)
 
@@ -225,7 +225,7 @@ def _frames(overview: Item) -> Iterator[str]:
         if part["at"] is None:
             yield from _wrapped(2, f"in the simulated world: part {_part(part)}", 4)
     for model in overview["models"]:
-        options = "; ".join(f"{key} {_reported(value)}" for key, value in model["options"].items())
+        options = "; ".join(f"{key} {_as_text(value)}" for key, value in model["options"].items())
         yield from _wrapped(2, f"model {model['name']} ({model['kind']}): {options or 'the standard one'}")
 
 
@@ -233,14 +233,14 @@ def _place(frame: Item) -> str:
     """Where a frame is, in the words of the profile."""
     if frame["kind"] in _KINDS:
         return _KINDS[frame["kind"]].format(owner=frame["name"].partition("/")[0])
-    output = f"in {frame['parent']}, "
+    line = f"in {frame['parent']}, "
     if frame["measured_by"]:
         fast = f" (believed up to {frame['fastest']:g} m/s)" if frame["fastest"] else ""
-        output += f"measured by {frame['measured_by']}{fast}"
+        line += f"measured by {frame['measured_by']}{fast}"
         if frame["pose"] == [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]:
-            return output
-        return f"{output}; what measures it is at {_pose(frame)}"
-    return f"{output}fixed: {_pose(frame)}"
+            return line
+        return f"{line}; what measures it is at {_pose(frame)}"
+    return f"{line}fixed: {_pose(frame)}"
 
 
 def _pose(frame: Item) -> str:

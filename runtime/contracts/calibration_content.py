@@ -13,12 +13,12 @@ from srl.runtime.contracts import yaml_text
 def parse(content: bytes) -> dict[str, Any]:
     """Parses the file; returns {} if it isn't a calibration file."""
     try:
-        output = json.loads(content)
+        record = json.loads(content)
     except RecursionError:
         return {}
     except ValueError:
         try:
-            output = yaml_text.load(content.decode())  # a glove's may be YAML
+            record = yaml_text.load(content.decode())  # a glove's may be YAML
         except (YAMLError, ValueError, RecursionError):
             return {}
-    return output if isinstance(output, dict) else {}
+    return record if isinstance(record, dict) else {}

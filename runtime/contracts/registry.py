@@ -54,11 +54,11 @@ def describe(group: str, name: str, attributes: Sequence[str]) -> dict[str, Any]
     """
     place = f"{_one(group)} {name}"
     point = _points(group, tuple(sys.path)).get(name)
-    output = declared(point.value, attributes) if point is not None else None
-    if output is None:
+    described = declared(point.value, attributes) if point is not None else None
+    if described is None:
         part = load(group, name, place)
-        output = {attribute: getattr(part, attribute) for attribute in attributes}
-    return output
+        described = {attribute: getattr(part, attribute) for attribute in attributes}
+    return described
 
 
 def _one(group: str) -> str:

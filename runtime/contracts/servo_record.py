@@ -166,9 +166,8 @@ def lines(file: KeptFile, driver: str, joints: Mapping[str, Entry]) -> dict[str,
         was = made.joints[name].entry
         for key in sorted(was.keys() | entry.keys()):
             if was.get(key) != entry.get(key) and (key not in _LATER or was.get(key) or entry.get(key)):
-                problem = (
-                    f"it was made with {key} {_reported(was.get(key))}, the profile says {_reported(entry.get(key))}"
-                )
+                before, now = _as_text(was.get(key)), _as_text(entry.get(key))
+                problem = f"it was made with {key} {before}, the profile says {now}"
                 raise ProfileError(f"{place}: joints.{name}", problem, f"Set it as it was, or {AGAIN.lower()}")
     return dict(made.joints)
 
@@ -186,5 +185,5 @@ def of_device(file: KeptFile | None, device: str) -> str:
     return "calibration" if made.simulated else ""
 
 
-def _reported(value: Any) -> str:
+def _as_text(value: Any) -> str:
     return "nothing" if value is None else str(value).lower() if isinstance(value, bool) else f"{value}"

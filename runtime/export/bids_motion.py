@@ -144,10 +144,10 @@ def _system(
         name: {"RotationRule": "right-hand", "Description": _described(name, about.get(name))}
         for name in sorted({c.reference_frame for c in channels} - {NONE})
     }
-    reported = {
+    sidecar = {
         "reference_frame": {"Description": "Frame of the channel's coordinates; lengths in m.", "Levels": levels},
     }
-    _text(folder / f"{stem}_channels.json", json.dumps(reported, indent=2) + "\n")
+    _text(folder / f"{stem}_channels.json", json.dumps(sidecar, indent=2) + "\n")
     _text(
         folder / f"{stem}_motion.json",
         json.dumps(_sidecar(recording, device, channels, latency, task), indent=2) + "\n",
@@ -210,8 +210,8 @@ def _events(recording: Recording, path: Path) -> list[Path]:
         text = re.sub(r"\s+", " ", event.text)
         lines.append(f"{float(now[at] - now[0]) / 1e9!r}\tn/a\t{event.level.name.lower()}\t{event.cycle}\t{text}")
     _text(path, "\n".join(lines) + "\n")
-    reported = {"cycle": {"Description": "The loop's cycle."}, "description": {"Description": "What the runtime said."}}
-    _text(path.with_suffix(".json"), json.dumps(reported, indent=2) + "\n")
+    sidecar = {"cycle": {"Description": "The loop's cycle."}, "description": {"Description": "What the runtime said."}}
+    _text(path.with_suffix(".json"), json.dumps(sidecar, indent=2) + "\n")
     return []
 
 

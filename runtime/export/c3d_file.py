@@ -149,14 +149,14 @@ def _measured(recording: Recording, field: Field) -> NDArray[np.bool_]:
 
 def _left_out(recording: Recording, frames: Grid, held: set[str]) -> list[str]:
     rest = [f.name for f in recording.layout.fields.values() if f.name not in held and f.size]
-    reported = [f"{len(rest)} signals: {listed(rest)}"] if rest else []
-    reported += [
+    left_out = [f"{len(rest)} signals: {listed(rest)}"] if rest else []
+    left_out += [
         "the loop's and the devices' time stamps, states and counts",
         "the profile's text and calibration files",
     ]
-    reported += [f"{len(recording.events)} events"] if recording.events else []
-    reported += [f"{frames.skipped} rows that fall between the frames"] if frames.skipped else []
-    reported += ["what 64-bit numbers have beyond 32-bit ones"]
+    left_out += [f"{len(recording.events)} events"] if recording.events else []
+    left_out += [f"{frames.skipped} rows that fall between the frames"] if frames.skipped else []
+    left_out += ["what 64-bit numbers have beyond 32-bit ones"]
     if gone := int((~frames.there).sum()):
-        reported.append(f"{gone} frames have no row; their points are marked as not measured")
-    return reported
+        left_out.append(f"{gone} frames have no row; their points are marked as not measured")
+    return left_out

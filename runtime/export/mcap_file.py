@@ -56,9 +56,9 @@ class _Channels:
         if kind not in self._schemas:
             text = cdr.definition(kind).encode()
             self._schemas[kind] = self.writer.register_schema(kind, "ros2msg", text)
-        reported = {k: v if isinstance(v, str) else json.dumps(v) for k, v in about.items()}
+        metadata = {k: v if isinstance(v, str) else json.dumps(v) for k, v in about.items()}
         self.count += 1
-        return int(self.writer.register_channel(topic, "cdr", self._schemas[kind], reported))
+        return int(self.writer.register_channel(topic, "cdr", self._schemas[kind], metadata))
 
 
 def write(recording: Recording, target: Path) -> Report:
@@ -77,8 +77,8 @@ def write(recording: Recording, target: Path) -> Report:
         channels = _Channels(writer)
         first = int(layout.word(recording.rows[0], "now")) + wall
         writer.add_attachment(first, first, "layout.json", "application/json", layout.text.encode())
-        reported = {"name": str(layout.meta.get("name", "")), "missing": json.dumps(recording.missing)}
-        writer.add_metadata("srl", reported)
+        metadata = {"name": str(layout.meta.get("name", "")), "missing": json.dumps(recording.missing)}
+        writer.add_metadata("srl", metadata)
         fixed, measured = _frames(layout)
         if fixed:
             _send_fixed(channels, fixed, first)

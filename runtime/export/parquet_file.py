@@ -53,9 +53,9 @@ def _schema(recording: Recording) -> pa.Schema:
         about = {"signal": f.name, "role": f.role} | ({"frame": f.frame} if f.frame else {})
         fields += [pa.field(e.name, pa.float64(), metadata=about | {"unit": e.unit}) for e in elements(f)]
     events = [{"time": e.time, "level": e.level.name, "cycle": e.cycle, "text": e.text} for e in recording.events]
-    reported = {
+    metadata = {
         "srl.layout": layout.text,
         "srl.events": json.dumps(events),
         "srl.missing": json.dumps(recording.missing),
     }
-    return pa.schema(fields, metadata=reported)
+    return pa.schema(fields, metadata=metadata)

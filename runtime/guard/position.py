@@ -77,8 +77,8 @@ class PositionGuard(CommandGuard):
         for i, wanted in enumerate(desired):
             low, high, bounds = self.lower[i], self.upper[i], self._bounds[i]
             target = low if wanted < low else high if wanted > high else wanted
-            reported = None if rate is None else rate[i] if target == wanted else 0.0
-            speed, acceleration = self._motion(i, target, reported, dt)
+            given = None if rate is None else rate[i] if target == wanted else 0.0
+            speed, acceleration = self._motion(i, target, given, dt)
             after.append(self._towards(i, (target, speed, acceleration), bounds, dt))
         self._go(after, dt)
         self.fallbacks += self.fallback
@@ -126,19 +126,19 @@ class PositionGuard(CommandGuard):
         return all(low - SLACK <= min(p, p + v * T / 2) and max(p, p + v * T / 2) <= high + SLACK
                    for (p, v, _), low, high in ends)  # fmt: skip
 
-    def _motion(self, i: int, target: float, reported: float | None, dt: float) -> tuple[float, float]:
+    def _motion(self, i: int, target: float, given: float | None, dt: float) -> tuple[float, float]:
         """Velocity and acceleration of joint i's target at the end of this cycle."""
         step = self.max_acceleration[i] * dt
-        raw = (target - self._targets[i]) / dt if reported is None else reported
+        raw = (target - self._targets[i]) / dt if given is None else given
         change = raw - self._raw[i]
         self._targets[i], self._raw[i] = target, raw
         if abs(change) <= step:
             self._rates[i] = raw
             # The difference of two positions is the velocity half a cycle ago.
-            return (raw + change / 2 if reported is None else raw), change / dt
+            return (raw + change / 2 if given is None else raw), change / dt
         last = self._rates[i]
         self._rates[i] = min(max(raw, last - step), last + step)
-        return (self._rates[i] if reported is None else raw), 0.0
+        return (self._rates[i] if given is None else raw), 0.0
 
     def _towards(self, i: int, target: State, bounds: Bounds, dt: float) -> State:
         """Joint i's state after dt on its way to meet `target`, which is the desired state at that time."""

@@ -94,9 +94,9 @@ class RunFolder:
         """Who holds the lock, as it has written there; "" where nothing can be read."""
         assert self.lock is not None
         try:
-            output = json.loads(os.pread(self.lock, 4096, 0))
-            since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(output["since"]))
-            return f" (process {int(output['pid'])} of user {int(output['uid'])}, since {since})"
+            holder = json.loads(os.pread(self.lock, 4096, 0))
+            since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(holder["since"]))
+            return f" (process {int(holder['pid'])} of user {int(holder['uid'])}, since {since})"
         except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return ""
 

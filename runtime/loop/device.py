@@ -164,13 +164,13 @@ class Device:
             if now - self._reported >= max(REPORT_EVERY, lasts // 2):
                 self._reported = now
                 signal, element, _, why = samples.odd
-                output = (
+                what = (
                     f"no sample has been taken for {lasts * 1e-9:.0f} s"
                     if lasts > REPORT_EVERY
                     else "a sample isn't taken"
                 )
                 more = ". Look at its units and wiring, and at what it measures" if lasts > REPORT_EVERY else ""
-                self._report(f"'{name}': {output}: {signal}{f'[{element}]' if element else ''} {why}{more}")
+                self._report(f"'{name}': {what}: {signal}{f'[{element}]' if element else ''} {why}{more}")
 
     def write(self, now: int) -> None:
         """Sends the commands, except while the device is lost."""
@@ -272,10 +272,10 @@ class Device:
 
     def _reopen(self) -> None:
         """Runs in the thread: reopens the device after each loss."""
-        output = ""
+        last = ""
         while not self._closing.is_set():
             if not self._wanted.wait(RETRY):
-                output = ""
+                last = ""
                 continue
             if self._closing.is_set():
                 return
@@ -286,9 +286,9 @@ class Device:
                 self._back.set()
                 continue
             except SrlError as error:
-                if str(error) != output:
-                    output = str(error)
-                    self._events.append(f"still away: {output}")
+                if str(error) != last:
+                    last = str(error)
+                    self._events.append(f"still away: {last}")
             except Exception:
                 self._events.append(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
             self._closing.wait(RETRY)

@@ -154,7 +154,7 @@ def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
     """In each cycle of a stop, tells the devices that stop by themselves to do so. Returns those still there."""
     if cycle.machine.state not in _STOPS:
         return []
-    reported = []
+    stopped = []
     for device in devices:
         if device.active or device.lost:
             continue
@@ -163,5 +163,5 @@ def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
             if category is Stop.LIMP or by_itself(actuator, category):
                 device.stop(category, now)
                 if not device.lost:
-                    reported.append(device)
-    return reported
+                    stopped.append(device)
+    return stopped

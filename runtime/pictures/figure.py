@@ -201,9 +201,9 @@ def _limits(axis: Any, recording: Recording, plot: Plot) -> None:
 
 def _kind(layout: Layout, command: Field) -> Kind:
     """What a command commands. A recording of an earlier version doesn't say so; there the unit tells."""
-    reported = (layout.meta.get("commands") or {}).get(command.name)
-    if reported is not None:
-        return Kind(reported["kind"])
+    command_meta = (layout.meta.get("commands") or {}).get(command.name)
+    if command_meta is not None:
+        return Kind(command_meta["kind"])
     if "/s" in command.unit:
         return Kind.VELOCITY
     return Kind.TORQUE if "N" in command.unit else Kind.POSITION

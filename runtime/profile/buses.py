@@ -52,8 +52,8 @@ def _judge(b: Builder, bus: str, users: dict[str, Traffic]) -> str:
     rate, names = float(b.profile.rate), " and ".join(users)
     rates = {t.bitrate for t in users.values()}
     if len(rates) > 1:
-        output = ", ".join(f"{name} {t.bitrate:g} bit/s" for name, t in users.items())
-        problem = f"the devices on {bus} have different bit rates: {output}"
+        rates_text = ", ".join(f"{name} {t.bitrate:g} bit/s" for name, t in users.items())
+        problem = f"the devices on {bus} have different bit rates: {rates_text}"
         raise WiringError(b.source.place("devices"), problem, "One bus has one: correct them")
     (bitrate,) = rates
     each, other = sum(t.per_cycle for t in users.values()), sum(t.per_second for t in users.values())

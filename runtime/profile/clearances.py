@@ -94,14 +94,14 @@ def _timeout(b: Builder, path: str, entry: ClearEntry, command: Command) -> floa
             problem = "a position ends by itself where it was commanded"
             raise WiringError(b.source.place(f"{path}.timeout"), problem, "Remove `timeout`")
         return None
-    output = [each for each in (command.timeout, entry.timeout) if each is not None]
-    if not output:
+    timeouts = [each for each in (command.timeout, entry.timeout) if each is not None]
+    if not timeouts:
         raise WiringError(
             b.source.place(path),
             "if the loop stalls, a velocity takes the limb on, and this device isn't known to end it by itself",
             "If it does, say after how long: add `timeout:` (s). Else command positions",
         )
-    return max(output)
+    return max(timeouts)
 
 
 def _inputs(b: Builder, clearance: Clearance, entry: ClearEntry, name: str, path: str) -> dict[str, Link]:

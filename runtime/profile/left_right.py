@@ -26,17 +26,17 @@ def compare(b: Builder, commands: Iterable[str], laws: Iterable[Law], made: Mapp
         made: the clearances, by command name.
     """
     limbs = {name.partition(".")[0] for name in commands}
-    reported = {(device, side): law.controller.name for law in laws for device, side in _reported(law, limbs)}
+    law_of = {(device, side): law.controller.name for law in laws for device, side in _sides(law, limbs)}
     for name, cleared in made.items():
         own = _side(cleared.clearance.config)
         for side in SIDES:
-            law = reported.get((name.partition(".")[0], side))
+            law = law_of.get((name.partition(".")[0], side))
             if own is not None and law is not None and side != own:
                 problem = f"'{name}' is the {own} arm here, and the {side} one in the law '{law}'"
                 raise WiringError(b.source.place(f"guard.{name}.clear.side"), problem, "Say the same side in both")
 
 
-def _reported(law: Law, limbs: set[str]) -> Iterator[tuple[str, Side]]:
+def _sides(law: Law, limbs: set[str]) -> Iterator[tuple[str, Side]]:
     """The devices, of these, whose side a law says.
 
     It says so with an input that is named for a side; else with `side:`, which is that of the device that it commands,

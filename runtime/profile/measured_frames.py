@@ -96,12 +96,12 @@ def _at_rest(b: Builder, name: str, frame: FrameEntry) -> None:
     if "speed" in frame.model_fields_set:
         place = b.source.place(f"frames.{name}.speed")
         raise WiringError(place, f"'{name}' is fixed, and moves at no speed", "Remove it, or add `pose:`")
-    reported = next((n for n, s in b.signals.items() if s.of == name and n.startswith(f"{name}.") and s.labels), None)
+    signal = next((n for n, s in b.signals.items() if s.of == name and n.startswith(f"{name}.") and s.labels), None)
     if (
         name in b.profile.devices
         and frame.parent is not None
-        and reported is not None
-        and b.signals[reported].labels in (POSE, PLANAR)
+        and signal is not None
+        and b.signals[signal].labels in (POSE, PLANAR)
     ):
-        problem = f"'{name}' moves, and '{reported}' says where it is; fixed, it would stay where it began"
-        raise WiringError(b.source.place(f"frames.{name}"), problem, f"Write `pose: {reported}`")
+        problem = f"'{name}' moves, and '{signal}' says where it is; fixed, it would stay where it began"
+        raise WiringError(b.source.place(f"frames.{name}"), problem, f"Write `pose: {signal}`")

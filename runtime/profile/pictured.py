@@ -119,7 +119,7 @@ def pictured(
         signal = _angles(device, signals)
         names = signal[1].labels if signal is not None else ()
         linkage, file = None, None
-        reported = device.pictured_as.format_map(vars(device.config)).lower()
+        robot = device.pictured_as.format_map(vars(device.config)).lower()
         on = entry.at if isinstance(entry, RobotNamed | RobotAxes) else ""
         named = RobotNamed(name=entry) if isinstance(entry, str) else entry
         try:
@@ -130,8 +130,8 @@ def pictured(
                 linkage = _described(named.name, models, True, named.side)
             elif isinstance(named, RobotAxes):
                 linkage = chains.chain([chains.Axis(n, a.axis, a.link, a.slides) for n, a in named.axes.items()])
-            elif reported:
-                linkage = _described(reported, models, False)
+            elif robot:
+                linkage = _described(robot, models, False)
             if linkage is not None and not {link.joint for link in linkage.links if link.joint} <= set(names):
                 linkage = None
                 if isinstance(named, RobotNamed | RobotAxes):
@@ -149,9 +149,7 @@ def pictured(
                         f"{read.lacking[0]}{more}: drawn without meshes", "Correct the URDF, or set ROS_PACKAGE_PATH"
                     )
                 file = {"path": str(kept.path), "packages": [str(p) for p in read.packages]}
-            elif (
-                linkage is not None and entry is None and reported in _FILES and (whole := _installed(reported, names))
-            ):
+            elif linkage is not None and entry is None and robot in _FILES and (whole := _installed(robot, names)):
                 linkage, file = whole
         except OptionError as error:
             warnings.append((f"devices.{device.name}.robot", f"{error.problem}. {error.remedy}"))

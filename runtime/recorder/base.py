@@ -56,7 +56,7 @@ class BaseRecorder(ABC):
         meta = self._layout.meta
         self._keep, self._mine = Keep.of((meta.get("record") or {}).get("keep")), persons(self._layout)
         self._looked, self._full = time.monotonic(), ""  # what starts a run has just looked
-        self._reported: list[str] = []  # in the last look
+        self._last_texts: list[str] = []  # in the last look
 
     @abstractmethod
     def run(self) -> int:
@@ -89,13 +89,13 @@ class BaseRecorder(ABC):
         """Now and then deletes what the folder needn't keep."""
         if time.monotonic() - self._looked > LOOK:
             self._looked = time.monotonic()
-            output: list[str] = []
-            full = make_room(self._folder.absolute().parent, self._keep, self._mine, output.append)
+            texts: list[str] = []
+            full = make_room(self._folder.absolute().parent, self._keep, self._mine, texts.append)
             if full and not self._full:
-                output.append(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
+                texts.append(f"{self._folder.absolute().parent}: {full}; this run is recorded all the same")
             self._full = full
-            self._note([text for text in output if text not in self._reported])  # not each minute that nothing can go
-            self._reported = output
+            self._note([text for text in texts if text not in self._last_texts])  # not each minute that nothing can go
+            self._last_texts = texts
 
     def _note(self, texts: list[str]) -> None:
         """Says what happens to recordings, and has it written among the run's events, which take few at once."""

@@ -74,13 +74,13 @@ def _convert(source: Source, target: Path) -> tuple[int, list[str]]:
 
 
 def _left_out(source: Source, last: int, missing: int) -> list[str]:
-    output = []
+    left_out = []
     if source.cut or source.damaged:
-        output.append(f"{source.cut} bytes of the segments are damaged, and {source.damaged} blocks of rows")
+        left_out.append(f"{source.cut} bytes of the segments are damaged, and {source.damaged} blocks of rows")
     if missing:
-        output.append(f"{missing} rows are missing")
+        left_out.append(f"{missing} rows are missing")
     if source.last is not None and source.last > last:
-        output.append(f"its last {source.last - last} rows are missing")
+        left_out.append(f"its last {source.last - last} rows are missing")
     if source.files[-1].suffix == ENDING and not ended(source.files):
-        output.append("its recorder didn't finish it: more rows may have been made")
-    return output
+        left_out.append("its recorder didn't finish it: more rows may have been made")
+    return left_out

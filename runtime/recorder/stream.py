@@ -35,7 +35,7 @@ class Stream:
 
     Attributes:
         recording: what is sent.
-        reported: the same; or, if they are to be `apart`, the changes of state and the events of it.
+        events_to: the same; or, if they are to be `apart`, the changes of state and the events of it.
     """
 
     def __init__(self, text: str, apart: bool = False) -> None:
@@ -47,9 +47,9 @@ class Stream:
         self._near = kin(self.layout)
         self._newest = np.zeros((1, self.layout.width), np.int64)
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
-        self.reported = self.recording
+        self.events_to = self.recording
         if apart:
-            self.reported = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
+            self.events_to = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
 
     @property
     def problems(self) -> list[str]:
@@ -101,7 +101,7 @@ class Stream:
 
     def thin(self, sequence: Words, rows: Words) -> Thinned:
         """Sends the changes of state in rows (k, width), k > 0, and returns what is drawn of them."""
-        self._scene.send_states(self.reported, rows)
+        self._scene.send_states(self.events_to, rows)
         self._newest = rows
         return self._scene.thin(sequence, rows)
 
@@ -127,4 +127,4 @@ class Stream:
         ]
         columns += rr.TextLog.columns(text=[n.text for n in events], level=[LEVELS[n.level] for n in events])
         indexes = [rr.TimeColumn("cycle", sequence=[n.cycle for n in events]), time]
-        rr.send_columns(EVENTS, indexes, columns, recording=self.reported, strict=True)
+        rr.send_columns(EVENTS, indexes, columns, recording=self.events_to, strict=True)

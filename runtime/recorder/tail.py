@@ -80,8 +80,8 @@ class Tail:
         """True once no row will follow: the ring is closed, or the loop is silent and this process was told to end."""
         if self.ring.closed:
             return True
-        reported = self._ending is not None and self._ending.asked
-        return reported and time.monotonic() - self._last_row > SILENCE and self.ring.head == self.ring.sequence
+        asked = self._ending is not None and self._ending.asked
+        return asked and time.monotonic() - self._last_row > SILENCE and self.ring.head == self.ring.sequence
 
     def _take(self) -> Batch:
         events = self._events.take()

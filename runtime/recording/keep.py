@@ -47,10 +47,10 @@ class Keep:
     bytes: float | None = None
 
     @classmethod
-    def of(cls, output: Mapping[str, Any] | None) -> Keep:
+    def of(cls, options: Mapping[str, Any] | None) -> Keep:
         """From `record.keep` of a profile, or of a layout that holds it."""
-        size = (output or {}).get("gigabytes")
-        return cls((output or {}).get("days"), None if size is None else size * 1e9)
+        size = (options or {}).get("gigabytes")
+        return cls((options or {}).get("days"), None if size is None else size * 1e9)
 
 
 @dataclass(frozen=True)
@@ -126,10 +126,10 @@ def strike(folder: Path, entry: Entry, why: str) -> list[str]:
 
 
 def _note(folder: Path, entry: Entry, ended: str, why: str, beside: list[str]) -> None:
-    output = {"at": _utc(time.time()), "name": entry.name, "bytes": entry.size, "ended": ended, "why": why}
-    output |= {"with": beside} if beside else {}
+    deletion = {"at": _utc(time.time()), "name": entry.name, "bytes": entry.size, "ended": ended, "why": why}
+    deletion |= {"with": beside} if beside else {}
     with _ledger(folder) as descriptor:
-        line, size = (json.dumps(output) + "\n").encode(), os.fstat(descriptor).st_size
+        line, size = (json.dumps(deletion) + "\n").encode(), os.fstat(descriptor).st_size
         if size and os.pread(descriptor, 1, size - 1) != b"\n":
             line = b"\n" + line  # a full disk took half a line
         if os.write(descriptor, line) != len(line):

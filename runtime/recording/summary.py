@@ -124,10 +124,10 @@ def persons(layout: Layout) -> tuple[str, ...]:
 
 def owner(content: bytes) -> tuple[str, bool]:
     """Whose a calibration file is, and whether it was made in simulation; "" where it doesn't say."""
-    output = parse(content)
-    if not isinstance(output.get("person"), str):
+    record = parse(content)
+    if not isinstance(record.get("person"), str):
         return "", False
-    return output["person"], output.get("simulated") is True
+    return record["person"], record.get("simulated") is True
 
 
 def _summary(path: Path) -> Summary:

@@ -105,9 +105,9 @@ def usb_numbers() -> dict[str, tuple[str, tuple[str, ...]]]:
     found = {}
     for name in registry.names("drivers"):
         with contextlib.suppress(SrlError):
-            output = registry.describe("drivers", name, ("summary", "usb"))
-            if output["usb"]:
-                found[name] = (output["summary"], output["usb"])
+            described = registry.describe("drivers", name, ("summary", "usb"))
+            if described["usb"]:
+                found[name] = (described["summary"], described["usb"])
     return found
 
 

@@ -116,11 +116,11 @@ class Lab:
             AssertionError: it wasn't so in this time. The text says what is there instead.
             RequestError: there is no such state or signal.
         """
-        holds, output = self._condition(what, above, below)
+        holds, describe = self._condition(what, above, below)
         end = self.cycles + self._cycles_of(most)
         while not holds():
             if self.cycles >= end:
-                raise AssertionError(f"not in {most:g} s: {output()}. {self.situation()}")
+                raise AssertionError(f"not in {most:g} s: {describe()}. {self.situation()}")
             self.step()
 
     def _cycles_of(self, seconds: float) -> int:
@@ -314,8 +314,8 @@ class Lab:
             f" ({self.cause}{f' of {self.fault_source}' if self.fault_source else ''})" if self.cause != "none" else ""
         )
         faults = "".join(f", {name} is {f.kind}" for name, f in self._faults.items() if f.kind)
-        output = f" Newest event: {self.events[-1].strip().splitlines()[-1]}" if self.events else ""
-        return f"After {self.time:g} s: state {self.state}{why}{faults}.{output}"
+        newest = f" Newest event: {self.events[-1].strip().splitlines()[-1]}" if self.events else ""
+        return f"After {self.time:g} s: state {self.state}{why}{faults}.{newest}"
 
     def _words(self, signal: str, which: NDArray[np.bool_] | None = None) -> str:
         values = np.atleast_1d(self[signal]).ravel()

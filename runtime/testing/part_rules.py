@@ -63,12 +63,12 @@ def stays_finite(make: Make) -> None:
     for now in TIMES:
         world.advance(now)
         if data is not None:
-            output = f"after {now * 1e-9:g} s: MuJoCo"
+            head = f"after {now * 1e-9:g} s: MuJoCo"
             finite = np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()
-            assert finite, f"{output} has positions or velocities that aren't finite"
+            assert finite, f"{head} has positions or velocities that aren't finite"
             # MuJoCo begins anew by itself at a state that isn't finite, and counts a warning.
             count = sum(warning.number for warning in data.warning)
-            assert count == 0, f"{output} warned {count} times (a state that blows up, too many contacts)"
+            assert count == 0, f"{head} warned {count} times (a state that blows up, too many contacts)"
     world.close()
 
 

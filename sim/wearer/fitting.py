@@ -82,17 +82,17 @@ class Fitted:
         """Whether a person should be warned: a joint had to be fitted, much is outside, or all but nothing moves."""
         return bool(self.shifts or self.scales) or self.still or self.clipped.share > _WARN
 
-    def reported(self) -> list[str]:
+    def lines(self) -> list[str]:
         """Returns what a person should know, a line each: what is outside, what was done, what is lost."""
         done = [f"{joint} is shifted by {np.rad2deg(by):+.1f} degrees" for joint, by in self.shifts.items()]
         done += [f"{joint} is scaled by {a:.2f} below and {b:.2f} above zero" for joint, (a, b) in self.scales.items()]
         done += [f"{joint} would fit without a shift if it were negated: is its sign ours?" for joint in self.mirrored]
         if self.still:
             done.append("no joint moves by more than 5 degrees: are these degrees, and not radian?")
-        output = [f"as recorded, {self.clipped}", *done, f"so fitted, {self.lost}"] if done else [f"{self.lost}"]
+        lines = [f"as recorded, {self.clipped}", *done, f"so fitted, {self.lost}"] if done else [f"{self.lost}"]
         if self.doubtful:
-            output.append(REMEDY)
-        return output
+            lines.append(REMEDY)
+        return lines
 
 
 def fit(position: Array, ranges: Array = RANGES, much: float = MUCH) -> Fitted:

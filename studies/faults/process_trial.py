@@ -55,9 +55,9 @@ def _refused(run: LiveRun, fault: ProcessFault) -> dict[str, Value]:
     wrong = _exit(run, fault)
     if not run.err.strip():
         wrong.append("it doesn't say why")
-    output = run.err.strip().splitlines()
+    error_lines = run.err.strip().splitlines()
     return {
-        "entered": "refused", "cause": output[-1][:200] if output else "", "fault_source": "", "safe": None,
+        "entered": "refused", "cause": error_lines[-1][:200] if error_lines else "", "fault_source": "", "safe": None,
         "due": None,
         "step": 0.0, "where": "", "recorded": True, "cycles": 0, "wrong": "; ".join(wrong),
     }  # fmt: skip
@@ -82,14 +82,14 @@ def _break(run: LiveRun, fault: ProcessFault, rng: np.random.Generator, given: M
     rows = run.rows
     wrong = _exit(run, fault) + _judge(run, fault, found, safe, before)
     wrong += _after(rows, at, fault)
-    recorded, output = _recorded(run, found, fault)
+    recorded, problem = _recorded(run, found, fault)
     with Bench(given["profile"], list(given["choices"]), 1) as bench:
         assert run.layout is not None
         share, where = largest(run.layout, rows, bench.graph, bench.guards)
     if not share <= 1.0 + ROUNDING:
         wrong.append(f"{share:.3g} of what the limits allow was sent: {where}")
     if not recorded:
-        wrong.append(output)
+        wrong.append(problem)
     last = rows[-1]
     return {
         "entered": State(int(last[CYCLE.state])).name.lower(), "cause": Cause(int(last[CYCLE.cause])).name.lower(),

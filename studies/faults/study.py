@@ -224,15 +224,15 @@ def page(rows: list[Row], asked: int) -> str:
             lines += ["", f"| {title} | trials ({what}) | {followed} |", "| --- " * 7 + "|", *map(_markdown, table)]
     if wrong:
         lines += ["", "Those that weren't as expected:", ""]
-        output: dict[str, None] = {}  # in order, each once
+        wrongs: dict[str, None] = {}  # in order, each once
         for row in wrong:
             given = row.task.parameters
             words = [given["profile"], *given["choices"], given.get("device", "")] if "profile" in given else []
             who = " ".join(words or [given["kind"], given["other"]]).strip()
-            output[f"`{who}`, {given['fault']}: {row.values['wrong']}"] = None
-        lines += [f"- {text}" for text in list(output)[:SHOWN]]
-        if len(output) > SHOWN:
-            lines.append(f"- and {len(output) - SHOWN} more, in the study's `rows.parquet`")
+            wrongs[f"`{who}`, {given['fault']}: {row.values['wrong']}"] = None
+        lines += [f"- {text}" for text in list(wrongs)[:SHOWN]]
+        if len(wrongs) > SHOWN:
+            lines.append(f"- and {len(wrongs) - SHOWN} more, in the study's `rows.parquet`")
     return "\n".join(lines)
 
 

@@ -101,8 +101,8 @@ def _other(bench: TwinBench, driver: Driver) -> dict[str, Value]:
         with bench.serving():
             driver.open()
     except DeviceError as error:
-        output = str(error)
-        return _row("refused", output[:200], None, None, "" if len(output) > len(DEVICE) + 4 else "it doesn't say why")
+        why = str(error)
+        return _row("refused", why[:200], None, None, "" if len(why) > len(DEVICE) + 4 else "it doesn't say why")
     before = driver.health.stamp
     lost = _read(bench, driver, 2.0)
     taken = driver.health.stamp > max(before, 0)

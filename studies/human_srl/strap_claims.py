@@ -96,18 +96,18 @@ def rms(one: Array, other: Array) -> float:
 
 
 def _claim(errors: Errors) -> Claim:
-    left, reported, holds = [], [], True
+    left, measured, holds = [], [], True
     for strap in (s for s in STRAPS if (s, LAW) in errors and (s, "none") in errors):
         law, none = errors[strap, LAW], errors[strap, "none"]
         both = sorted(law.keys() & none.keys())
         share = estimate([100.0 * law[n] / none[n] for n in both])
         left.append(share.mean)
-        reported.append(f"{strap} {share} %")
+        measured.append(f"{strap} {share} %")
         holds = holds and share.high < 100.0
     return Claim(
         id="strap-compensated",
         text="roll and pitch alone leave less of the tip's error than no compensation does: on each strap the 95 % "
-        f"interval of the share that is left is below 100 %, over wearers: {', '.join(reported) or 'none'}; measured: "
+        f"interval of the share that is left is below 100 %, over wearers: {', '.join(measured) or 'none'}; measured: "
         "the largest mean share",
         paper="none; left to future work", measured=max(left, default=None), unit="%", holds=bool(left) and holds,
     )  # fmt: skip

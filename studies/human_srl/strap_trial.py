@@ -264,8 +264,8 @@ def _law(config: StrapBaseConfig, mount: tuple[float, float, float]) -> StrapBas
     w, x, y, z = WORN["quaternion"]
     # Both sensors are mounted along the base's axes; a suit's spine has its own.
     body = (0.0, 0.0, 0.0, w, -x, -y, -z) if config.reference == "suit" else IDENTITY
-    reported = np.array([0.0, 0.0, 0.0, *exp(*(-v for v in mount))])
-    law.bind(inputs, outputs, applied, {}, {"mount": reported, "body": np.array(body)})
+    mount_pose = np.array([0.0, 0.0, 0.0, *exp(*(-v for v in mount))])
+    law.bind(inputs, outputs, applied, {}, {"mount": mount_pose, "body": np.array(body)})
     return law
 
 

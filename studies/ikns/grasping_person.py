@@ -79,12 +79,12 @@ def judged(answer: Callable[[str], str], clock: Callable[[], float]) -> dict[str
     while True:
         answer("  The object is on the green square. Enter begins: ")
         begin = clock()
-        output = answer(f"  Running. Enter: released, and well; {_KEYS}; x doesn't count: ").strip().lower()
+        key = answer(f"  Running. Enter: released, and well; {_KEYS}; x doesn't count: ").strip().lower()
         duration = clock() - begin
-        if output in _REASONS or output == "":
+        if key in _REASONS or key == "":
             break
-        people.say("  Once more." if output == "x" else f"  '{output}' is none of the keys; the trial doesn't count.")
-    reason = _REASONS.get(output, "out of time" if duration > LIMIT else "")
+        people.say("  Once more." if key == "x" else f"  '{key}' is none of the keys; the trial doesn't count.")
+    reason = _REASONS.get(key, "out of time" if duration > LIMIT else "")
     people.say(f"  {duration:.2f} s, {reason or 'success'}")
     return {"success": not reason, "reason": reason, "duration": duration}
 

@@ -120,12 +120,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--people", type=int, default=12, help="number of simulated people")
     numbers = range(1, 1 + parser.parse_args().people)
-    reported = {
+    summary = {
         "simulated": True, "people": len(numbers), "own": own(numbers), "strangers": strangers(numbers),
         "update_us": update_time(),
         "unseen_action_rejected": rejects(numbers[:4], ("overhead", "squat", "turn-left", "wave")),
     }  # fmt: skip
-    print(json.dumps(reported, indent=1))
+    print(json.dumps(summary, indent=1))
 
 
 if __name__ == "__main__":

@@ -136,8 +136,8 @@ class Table:
             p = self.sign_test(name).p
             significant = level(p) is not None if says.significant is None else p >= says.significant
             if significant:
-                output = 1.0 if says.significant is None else says.significant
-                found.append(Difference(name, "", "p", output, p))
+                stated_p = 1.0 if says.significant is None else says.significant
+                found.append(Difference(name, "", "p", stated_p, p))
         return found
 
     def markdown(self, beside: Mapping[str, Printed] | None = None) -> str:

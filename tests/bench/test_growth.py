@@ -20,9 +20,9 @@ def test_a_profile_is_as_large_as_it_says(limbs: int, servos: int) -> None:
 @pytest.mark.slow
 def test_every_limb_moves_at_its_bus_and_one_that_stops_is_an_error() -> None:
     with growth._system(2, 1) as system:
-        before = system.reported
+        before = system.commanded
         growth._block({1: system})
-        assert system.reported > before
+        assert system.commanded > before
         system._cycle.machine.stop(Fault(Cause.REQUEST))
         with pytest.raises(RuntimeError, match="2 limbs have stopped"):
             growth._block({1: system})

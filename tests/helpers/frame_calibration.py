@@ -10,10 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from srl.commissioning.calibration.frames.method import ChannelMap, FrameMethod
+from srl.commissioning.calibration.held_still import Step
 from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
-from srl.commissioning.calibration.things import Step
 from srl.runtime.contracts import rotation
 from srl.runtime.contracts.rotation import Pose
 from srl.runtime.contracts.wearer import Lead

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from srl.commissioning.calibration.ft.method import ChannelMap, FtMethod
+from srl.commissioning.calibration.held_still import Step
 from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
-from srl.commissioning.calibration.things import Step
 from srl.runtime.contracts.wearer import Turn
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, State
 from srl.runtime.profile import profile

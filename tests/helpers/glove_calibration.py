@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from srl.commissioning.calibration.glove.method import ChannelMap, GloveMethod
+from srl.commissioning.calibration.held_still import Step
 from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
-from srl.commissioning.calibration.things import Step
 from srl.runtime.contracts.wearer import Shape
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
 from srl.runtime.models.human_hand import SENSORS

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from srl.commissioning.calibration.held_still import Kind, Step
 from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.commissioning.calibration.suit.method import ChannelMap, SuitMethod
-from srl.commissioning.calibration.things import Kind, Step
 from srl.drivers.noitom.skeleton import Skeleton
 from srl.runtime.contracts.wearer import Return, Walk
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State

@@ -210,6 +210,6 @@ def _differing(found: Mvc, thresholds: Thresholds) -> Iterator[EmgError]:
     for i, name in enumerate(found.muscles):
         own = found.own[i]
         if (differ := 1.0 - own.min() / own.max()) > thresholds.agree:
-            output = ", ".join(f"{1e6 * level:.1f}" for level in own)
-            problem = f"its contractions differ by {differ:.0%} ({output} uV), {thresholds.agree:.0%} are allowed"
+            levels_text = ", ".join(f"{1e6 * level:.1f}" for level in own)
+            problem = f"its contractions differ by {differ:.0%} ({levels_text} uV), {thresholds.agree:.0%} are allowed"
             yield EmgError(name, problem, f"Rest longer, then contract as hard each time: r {i + 1}")

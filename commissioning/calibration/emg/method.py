@@ -136,8 +136,8 @@ class EmgMethod(Method[ChannelMap, Result]):
         ours = _slots(self.checked.devices[self._device].options)
         theirs = _channels(channel_map.layout, self._device)
         if tuple(channel_map.options.muscles) != tuple(ours) or theirs != ours:
-            output = " and ".join(", ".join(f"{k}: {v}" for k, v in each.items()) for each in (theirs, ours))
-            problem = f"it is of other muscles or slots than the profile's: {output}"
+            both = " and ".join(", ".join(f"{k}: {v}" for k, v in each.items()) for each in (theirs, ours))
+            problem = f"it is of other muscles or slots than the profile's: {both}"
             raise RequestError(place, problem, "Name a recording of these electrodes")
 
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:

@@ -128,7 +128,7 @@ class Procedure:
         self._next()
 
     def instruction(self) -> Instruction:
-        """What whoever simulates the person is told at the present step."""
+        """The instruction to a simulated person at the present step."""
         return Contract(self._muscles[self.step.muscle - 1]) if self.step.kind is Kind.CONTRACT else Rest()
 
     def go_on(self) -> str:
@@ -180,15 +180,15 @@ class Procedure:
         whole = {Kind.READY: plan.read, Kind.REST: plan.rest, Kind.PAUSE: plan.pause, Kind.CONTRACT: plan.hold}
         since = self._onset if kind is Kind.CONTRACT else self._since
         gone = 0.0 if np.isnan(self._now - since) else self._now - since
-        reported = []
+        bars = []
         if kind in whole:
             left = max(whole[kind] - gone, 0.0)
-            reported.append(Bar("time", min(gone / whole[kind], 1.0), f"{left:.0f} s left"))
+            bars.append(Bar("time", min(gone / whole[kind], 1.0), f"{left:.0f} s left"))
         for name, level, best in zip(self._muscles, self._level, self._best, strict=True):
             share = None if not best or np.isnan(level) else float(min(level / best, 1.0))
-            output = "?" if np.isnan(level) else f"{1e6 * level:6.1f} uV"
-            reported.append(Bar(name, share, output))
-        return tuple(reported)
+            text = "?" if np.isnan(level) else f"{1e6 * level:6.1f} uV"
+            bars.append(Bar(name, share, text))
+        return tuple(bars)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

@@ -1,4 +1,4 @@
-"""What is told of a calibration of surface EMG: as text, as figures, and as a picture."""
+"""The report of a calibration of surface EMG: text, figures and a picture."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def lines(result: Result) -> list[str]:
     """The report as text."""
     found, options = result.found, result.options
     filters = options.plan.filters()
-    reported = [
+    text = [
         f"{options.person}, {options.signal}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}",
         "muscle                  rest uV   MVC uV  contractions uV               differ  hum at rest",
     ]
@@ -51,7 +51,7 @@ def lines(result: Result) -> list[str]:
         own = found.own[i]
         each = " ".join(f"{1e6 * level:7.1f}" for level in own)
         differ = 1.0 - own.min() / own.max() if own.max() else 1.0
-        reported.append(
+        text.append(
             f"{name:<22} {1e6 * found.rest[i]:8.2f} {1e6 * found.mvc[i]:8.1f}  {each:<29} {differ:5.0%}  "
             f"{found.hum[i]:5.0%} ({found.mains[i]:.0f} Hz)"
         )
@@ -59,15 +59,13 @@ def lines(result: Result) -> list[str]:
     for j, name in enumerate(found.muscles):
         i = int(top[:, j].argmax())
         if i != j:
-            reported.append(
-                f"{name}: its MVC is from the contraction of {found.muscles[i]}, which gave more than its own"
-            )
+            text.append(f"{name}: its MVC is from the contraction of {found.muscles[i]}, which gave more than its own")
     low, high = filters.band
-    reported.append(
+    text.append(
         f"band {low:g} to {high:g} Hz, envelope {filters.cutoff:g} Hz (late by {1e3 * filters.delay:.0f} ms), MVC: "
         f"highest mean over {options.plan.window:g} s; it holds while the electrodes stay on the skin"
     )
-    return reported
+    return text
 
 
 def metrics(result: Result) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from srl.commissioning.calibration.frames.fit import FEWEST, Thresholds, like
 from srl.commissioning.calibration.frames.samples import Plan, mean, steady, tip
 from srl.commissioning.calibration.guided import Bar
-from srl.commissioning.calibration.things import HeldStill, Kind, still_bar
+from srl.commissioning.calibration.held_still import HeldStill, Kind, still_bar
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction, Lead, Rest
 
@@ -35,7 +35,7 @@ class Procedure(HeldStill):
     def _ready(self) -> bool:
         if self._like() is None:
             return True
-        if self._times[-1] > self._since + _TIMEOUT:  # who stays where it is like one before is told anew
+        if self._times[-1] > self._since + _TIMEOUT:  # who stays at such a place is instructed again
             self._go(self.step.number)
         return False
 
@@ -53,7 +53,7 @@ class Procedure(HeldStill):
         return self._moved() <= self._thresholds.steady
 
     def instruction(self) -> Instruction:
-        """What whoever simulates the person is told at the present step."""
+        """The instruction to a simulated person at the present step."""
         return Lead(self.step.number) if self.step.kind is Kind.GO else Rest()
 
     def _task(self) -> str:
@@ -76,12 +76,12 @@ class Procedure(HeldStill):
 
     def _bars(self) -> Sequence[Bar]:
         most, moved = self._thresholds.steady, self._moved()
-        reported = [still_bar(moved, most, f"{1000 * moved:.1f} mm, at most {1000 * most:g}")]
+        bars = [still_bar(moved, most, f"{1000 * moved:.1f} mm, at most {1000 * most:g}")]
         for name, poses in zip(("in parent", "in frame"), self._columns[1:], strict=False):
             if len(poses):
                 x, y, z = poses[-1][:3]
-                reported.append(Bar(name, None, f"{x:8.4f} {y:8.4f} {z:8.4f} m"))
-        return reported
+                bars.append(Bar(name, None, f"{x:8.4f} {y:8.4f} {z:8.4f} m"))
+        return bars
 
     def _moved(self) -> float:
         """m, by which either has moved lately; infinite while that isn't known."""

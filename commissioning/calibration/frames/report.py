@@ -1,4 +1,4 @@
-"""What is told of a frame's calibration: as text, as figures, and as a picture."""
+"""The report of a frame's calibration: text, figures and a picture."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def lines(result: Result) -> list[str]:
     found = [
         f"{what}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}, "
         f"{len(mount.numbers)} {mount.what}",
-        f"{_reported(mount.pose)} (uncertain by {1000 * place:.2f} mm, {np.degrees(turn):.3f} degrees)",
+        f"{_pose_text(mount.pose)} (uncertain by {1000 * place:.2f} mm, {np.degrees(turn):.3f} degrees)",
     ]
     if mount.body is not None:
-        found.append(f"{options.parent_signal} in {options.frame_signal}: {_reported(mount.body)}")
+        found.append(f"{options.parent_signal} in {options.frame_signal}: {_pose_text(mount.body)}")
     worst = int(mount.without.argmax())
     turned = f", {np.degrees(mount.askew.max()):.3f} degrees" if mount.what == "poses" else ""
     found.append(
@@ -123,6 +123,6 @@ def placed(mount: Mount) -> Array:
     return np.array([(T @ homogeneous(pose) @ body)[:3, 3] for pose in mount.frame])
 
 
-def _reported(pose: Array) -> str:
+def _pose_text(pose: Array) -> str:
     x, y, z, qw, qx, qy, qz = pose.round(6) + 0.0
     return f"position {x:.5f} {y:.5f} {z:.5f} m, quaternion {qw:.6f} {qx:.6f} {qy:.6f} {qz:.6f}"

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from srl.commissioning.calibration.frames.exchanged import exchanged
 from srl.commissioning.calibration.frames.fit import FEWEST, MountError, Thresholds
+from srl.commissioning.calibration.held_still import LEFT_OUT
 from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
-from srl.commissioning.calibration.things import LEFT_OUT
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.rotation import Vector
@@ -91,9 +91,9 @@ class Plan(Options):
         if self.count < FEWEST[self.what]:
             raise ValueError(f"{self.count} {self.what} don't find a frame: {FEWEST[self.what]} are needed")
         if self.known and (order := exchanged(np.array(self.known))):
-            reported = ", ".join(map(str, order))
+            order_text = ", ".join(map(str, order))
             raise ValueError(
-                f"touched in the order {reported} the known points fit as well, and the frame is turned: "
+                f"touched in the order {order_text} the known points fit as well, and the frame is turned: "
                 "take points whose distances differ by 20 mm"
             )
         return self

@@ -10,7 +10,7 @@ import numpy as np
 from srl.commissioning.calibration.ft.fit import FEWEST, Thresholds
 from srl.commissioning.calibration.ft.samples import Plan, steady
 from srl.commissioning.calibration.guided import Bar
-from srl.commissioning.calibration.things import HeldStill, Kind, still_bar
+from srl.commissioning.calibration.held_still import HeldStill, Kind, still_bar
 from srl.runtime.contracts.rotation import Vector
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction, Rest, Turn
@@ -57,7 +57,7 @@ class Procedure(HeldStill):
         return self._like() is None
 
     def instruction(self) -> Instruction:
-        """What whoever simulates the person is told at the present step."""
+        """The instruction to a simulated person at the present step."""
         if self.step.kind is Kind.GO and self.plan.poses > 1:
             return Turn(_WAYS[(self.step.number - 1) % len(_WAYS)][1], (self.step.number - 1) // len(_WAYS))
         return Rest()
@@ -84,12 +84,12 @@ class Procedure(HeldStill):
 
     def _bars(self) -> Sequence[Bar]:
         most, moved = self._thresholds.steady, self._moved()
-        reported = [still_bar(moved, most, f"{moved:.2f} N, at most {most:g}")]
+        bars = [still_bar(moved, most, f"{moved:.2f} N, at most {most:g}")]
         if len(self._times):
             fx, fy, fz, tx, ty, tz = self._columns[1][-1]
-            reported.append(Bar("force", None, f"{fx:7.2f} {fy:7.2f} {fz:7.2f} N"))
-            reported.append(Bar("torque", None, f"{tx:7.3f} {ty:7.3f} {tz:7.3f} N m"))
-        return reported
+            bars.append(Bar("force", None, f"{fx:7.2f} {fy:7.2f} {fz:7.2f} N"))
+            bars.append(Bar("torque", None, f"{tx:7.3f} {ty:7.3f} {tz:7.3f} N m"))
+        return bars
 
     def _moved(self) -> float:
         """N, by which the force has changed lately; infinite while that isn't known."""

@@ -1,4 +1,4 @@
-"""What is told of a force/torque sensor's calibration: as text, as figures, and as a picture."""
+"""The report of a force/torque sensor's calibration: text, figures and a picture."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from srl.commissioning.calibration.ft.fit import FtError, Thresholds
+from srl.commissioning.calibration.held_still import LEFT_OUT
 from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
-from srl.commissioning.calibration.things import LEFT_OUT
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array

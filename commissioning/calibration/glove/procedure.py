@@ -11,7 +11,7 @@ from srl.commissioning.calibration.glove.fit import Thresholds
 from srl.commissioning.calibration.glove.samples import Plan, moved
 from srl.commissioning.calibration.glove.shapes import AGAIN, FINGERS, Angles, shapes
 from srl.commissioning.calibration.guided import Bar
-from srl.commissioning.calibration.things import HeldStill, Kind, still_bar
+from srl.commissioning.calibration.held_still import HeldStill, Kind, still_bar
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction, Rest, Shape
 
@@ -60,7 +60,7 @@ class Procedure(HeldStill):
         self._before = None
 
     def instruction(self) -> Instruction:
-        """What whoever simulates the person is told at the present step."""
+        """The instruction to a simulated person at the present step."""
         return Shape(self._shapes[self.step.number].angles) if self.step.kind is Kind.GO else Rest()
 
     def _task(self) -> str:
@@ -75,13 +75,13 @@ class Procedure(HeldStill):
 
     def _bars(self) -> Sequence[Bar]:
         most, by = self._thresholds.steady, self._moved()
-        reported = [still_bar(by, most, f"{by:.1f} counts, at most {most:g}")]
+        bars = [still_bar(by, most, f"{by:.1f} counts, at most {most:g}")]
         if len(self._times):
             for finger in ("thumb", *FINGERS):
                 own = [i for i, name in enumerate(self._sensors) if name.startswith(f"{finger}_")]
-                output = " ".join("  ?" if np.isnan(v) else f"{v:3.0f}" for v in self._columns[1][-1, own])
-                reported.append(Bar(finger, None, output))
-        return reported
+                counts = " ".join("  ?" if np.isnan(v) else f"{v:3.0f}" for v in self._columns[1][-1, own])
+                bars.append(Bar(finger, None, counts))
+        return bars
 
     def _moved(self) -> float:
         """Counts, by which a sensor has changed lately; infinite while that isn't known."""

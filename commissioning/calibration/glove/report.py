@@ -1,4 +1,4 @@
-"""What is told of a glove's calibration: as text, as figures, and as a picture."""
+"""The report of a glove's calibration: text, figures and a picture."""
 
 from __future__ import annotations
 

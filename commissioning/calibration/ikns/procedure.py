@@ -153,7 +153,7 @@ class Procedure:
         return self.step.kind is Kind.DONE
 
     def instruction(self) -> Instruction:
-        """What a simulated wearer is told at the present step."""
+        """The instruction to a simulated person at the present step."""
         if self.step.kind is Kind.EXPLORATION:
             return Explore(self.plan.exploration)
         if self.target is None:

@@ -77,13 +77,13 @@ class Progress:
     def bars(self) -> list[Bar]:
         """How far it is."""
         seen, slow = np.isfinite(self.speed), np.isfinite(self.speed) and self.speed < _CALM
-        output = f"{100 * self.speed:.1f} cm/s" if seen else "not seen"
+        speed_text = f"{100 * self.speed:.1f} cm/s" if seen else "not seen"
         bars = [
             Bar("step", self.share, self.step.kind.value),
             Bar(
                 "hand's speed",
                 min(self.speed / 0.1, 1.0) if seen else 1.0,
-                f"{output}, below 5 counts as still",
+                f"{speed_text}, below 5 counts as still",
                 bool(slow),
             ),
         ]

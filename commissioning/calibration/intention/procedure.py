@@ -121,7 +121,7 @@ class Procedure:
             self.go_on()
 
     def instruction(self) -> Instruction:
-        """What a simulated wearer is told at the present step. Raises ValueError: it can't do that."""
+        """The instruction to a simulated person at the present step. Raises ValueError: it can't do that."""
         if self.step.kind is Kind.ACTION:
             name = self.actions[self.step.action]
             if name not in ACTIONS:

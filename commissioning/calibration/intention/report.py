@@ -70,22 +70,22 @@ def metrics(result: Result) -> dict[str, Any]:
 
 def lines(result: Result) -> list[str]:
     """The report as text."""
-    reported = metrics(result)
-    who = f"person {reported['person']}{' (simulated)' if reported['simulated'] else ''}"
+    numbers = metrics(result)
+    who = f"person {numbers['person']}{' (simulated)' if numbers['simulated'] else ''}"
     text = [
-        f"{who}, {reported['date']}: {len(reported['actions'])} actions; each round held out in turn: "
-        f"{reported['accuracy']:.1%} "
-        f"of the windows are what they are taken for, {reported['rejected']:.1%} rejected; "
-        f"{reported['found']:.0%} of the actions found"
+        f"{who}, {numbers['date']}: {len(numbers['actions'])} actions; each round held out in turn: "
+        f"{numbers['accuracy']:.1%} "
+        f"of the windows are what they are taken for, {numbers['rejected']:.1%} rejected; "
+        f"{numbers['found']:.0%} of the actions found"
     ]
     text.append("  action          windows right  rejected  found  another too  after s")
-    for name, row in reported["actions"].items():
+    for name, row in numbers["actions"].items():
         delay = "-" if row["delay_s"] is None else f"{row['delay_s']:.2f}"
         text.append(
             f"  {name:<14}  {row['recall']:13.0%}  {row['rejected']:8.0%}  {row['found']:2d}/{row['trials']:<2d}"
             f"  {row['wrong']:11d}  {delay:>7}"
         )
-    text.append(f"  standing and walking for {reported['background_s']:.0f} s: {reported['alarms']} actions found")
+    text.append(f"  standing and walking for {numbers['background_s']:.0f} s: {numbers['alarms']} actions found")
     return text
 
 

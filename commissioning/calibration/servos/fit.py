@@ -98,20 +98,20 @@ def refusals(
         home: rad, of the joint, where a run begins; None: where it is measured.
         reach: rad, the entry's angles that the servo may take.
     """
-    reported = []
+    refused = []
     if abs(found.trim) > thresholds.trim:
         problem = f"its trim is {found.trim:.2f} rad, {thresholds.trim:g} are allowed"
         remedy = "Seat the horn anew, or correct the profile's entry (lower, upper, zero); was it the right joint?"
-        reported.append(ServoError(joint, problem, remedy))
+        refused.append(ServoError(joint, problem, remedy))
     if abs(found.scale - 1.0) > thresholds.share:
         problem = f"its scale is {found.scale:.2f}, off by more than {thresholds.share:.0%}"
         remedy = "Check the two angles, and the profile's entry (min_us, max_us, lower, upper)"
-        reported.append(ServoError(joint, problem, remedy))
+        refused.append(ServoError(joint, problem, remedy))
     if second is not None and not found.known and (off := abs(found.joint(n[1]) - second)) > thresholds.agree:
         problem = f"its servo measured {found.joint(n[1]):.2f} rad where you gave {second:.2f}, off by {off:.2f}"
-        reported.append(ServoError(joint, problem, "Check the two angles; between servo and joint there may be a gear"))
+        refused.append(ServoError(joint, problem, "Check the two angles; between servo and joint there may be a gear"))
     if home is not None and not reach[0] <= found.entry(home) <= reach[1]:
         ends = sorted(found.joint(end) for end in reach)
         problem = f"its home, {home:g} rad, is out of its reach, {ends[0]:.2f} to {ends[1]:.2f}"
-        reported.append(ServoError(joint, problem, "Change `home` in the profile, or seat the horn anew"))
-    return reported
+        refused.append(ServoError(joint, problem, "Change `home` in the profile, or seat the horn anew"))
+    return refused

@@ -161,15 +161,15 @@ class Procedure:
         try:
             found = self._horn_fit(joint)
         except ServoError as error:
-            reported = [error]
+            refused = [error]
         else:
             home = None if options.home is None else options.home[i]
-            reported = refusals(
+            refused = refusals(
                 name, found, self._found[joint], self._second.get(name), home, (options.lower[i], options.upper[i]),
                 self._thresholds,
             )  # fmt: skip
-        if reported:
-            self._weak[joint] = f"{reported[0].problem}. {reported[0].remedy}"
+        if refused:
+            self._weak[joint] = f"{refused[0].problem}. {refused[0].remedy}"
         self._open.remove(joint)
         self._next()
 
@@ -183,7 +183,7 @@ class Procedure:
         )  # fmt: skip
 
     def instruction(self) -> Instruction:
-        """What whoever simulates the person is told at the present step."""
+        """The instruction to a simulated person at the present step."""
         step = self.step
         if step.kind is Kind.HOME:
             return Drive(step.joint - 1, None, self.aim)
@@ -273,14 +273,14 @@ class Procedure:
             return ()
         low, high = self.options.lower[i], self.options.upper[i]
         share = min(max((self._at[i] - low) / (high - low), 0.0), 1.0) if high - low < _TURNS else None
-        reported = [Bar(self._names[i], share, f"{self._at[i]:.3f} rad in the profile's own angle")]
+        bars = [Bar(self._names[i], share, f"{self._at[i]:.3f} rad in the profile's own angle")]
         if step.kind is Kind.HOLD:
             elapsed = self._times[-1] - self._times[0] if len(self._times) else 0.0
-            reported.append(Bar("held", min(elapsed / self.plan.hold, 1.0), ""))
+            bars.append(Bar("held", min(elapsed / self.plan.hold, 1.0), ""))
         if step.kind is Kind.HOME:
             near = abs(self._to_go()) <= self._thresholds.home
-            reported.append(Bar("to go", None, f"{self._to_go():+.3f} rad", near))
-        return tuple(reported)
+            bars.append(Bar("to go", None, f"{self._to_go():+.3f} rad", near))
+        return tuple(bars)
 
     def _states(self) -> tuple[str, ...]:
         def state(number: int) -> str:

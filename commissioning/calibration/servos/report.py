@@ -1,4 +1,4 @@
-"""What is told of a calibration of servos: as text, as figures, and as a picture."""
+"""The report of a calibration of servos: text, figures and a picture."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ class Result:
 
 def lines(result: Result) -> list[str]:
     """The report as text."""
-    reported = f"{result.options.device}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}"
-    found = [reported + (f", by {result.options.plan.by}" if result.options.plan.by else "")]
+    head = f"{result.options.device}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}"
+    found = [head + (f", by {result.options.plan.by}" if result.options.plan.by else "")]
     for joint in result.joints:
         horn_fit = joint.horn_fit
         way = "as the profile says" if horn_fit.direction > 0 else "the other way than the profile says"

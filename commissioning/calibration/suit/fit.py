@@ -160,10 +160,10 @@ def _drifting(found: Suit, pose: str, thresholds: Thresholds) -> Iterator[SuitEr
         rate, sure = PER_MINUTE * found.rates[i], PER_MINUTE * found.uncertain[i]
         if not found.measured[i]:
             continue
-        output = f"its heading drifts by {rate:+.1f} deg/min (standard deviation {sure:.1f})"
+        drift_text = f"its heading drifts by {rate:+.1f} deg/min (standard deviation {sure:.1f})"
         if abs(rate) > thresholds.drift and abs(rate) > 2.0 * sure:
             remedy = "Let the sensors warm up, keep away from iron and motors, calibrate in the suit's own program"
-            yield SuitError(name, f"{output}, {thresholds.drift:g} are allowed", remedy)
+            yield SuitError(name, f"{drift_text}, {thresholds.drift:g} are allowed", remedy)
         elif sure > thresholds.sure:
             remedy = "Take the same pose more exactly, feet on the marks, or walk longer: --option walk=120"
-            yield SuitError(name, f"{output}: the stands differ too much to tell", remedy)
+            yield SuitError(name, f"{drift_text}: the stands differ too much to tell", remedy)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from srl.commissioning.calibration.guided import Bar
+from srl.commissioning.calibration.held_still import HeldStill, Kind, Step, still_bar
 from srl.commissioning.calibration.suit.fit import Thresholds, pose_fault
 from srl.commissioning.calibration.suit.samples import Plan, moved
 from srl.commissioning.calibration.suit.segments import back, heading, in_world, mean, product
-from srl.commissioning.calibration.things import HeldStill, Kind, Step, still_bar
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction, Rest, Return, Walk
 
@@ -32,7 +32,7 @@ class Procedure(HeldStill):
 
     def _next(self) -> None:
         if self._open and self._stood:
-            self._begin(Step(Kind.PAUSE, self._open[0] - 1))
+            self._begin(Step(Kind.PAUSE, self._open[0]))
         else:
             super()._next()
 
@@ -52,7 +52,7 @@ class Procedure(HeldStill):
 
     def _pause(self) -> None:
         if self._times[-1] - self._since >= self.plan.walk:
-            self._go(self.step.number + 1)
+            self._go(self.step.number)
 
     def _keep(self, number: int) -> bool:
         turned = self._columns[1]
@@ -64,7 +64,7 @@ class Procedure(HeldStill):
         return True
 
     def instruction(self) -> Instruction:
-        """What whoever simulates the person is told at the present step."""
+        """The instruction to a simulated person at the present step."""
         if self.step.kind is Kind.PAUSE:
             return Walk()
         return Return() if self.step.kind is Kind.GO else Rest()
@@ -72,7 +72,7 @@ class Procedure(HeldStill):
     def go_on(self) -> str:
         """Ends the walk early. Returns why that can't be; "" if it could."""
         if self.step.kind is Kind.PAUSE:
-            self._go(self.step.number + 1)
+            self._go(self.step.number)
             return ""
         if self.step.kind is Kind.GO:
             return "it begins by itself, once you stand still in the pose"
@@ -110,14 +110,14 @@ class Procedure(HeldStill):
 
     def _bars(self) -> Sequence[Bar]:
         most, by = self._thresholds.still, self._moved()
-        reported = [still_bar(by, most, f"{np.degrees(by):.1f} degrees, at most {np.degrees(most):.1f}")]
+        bars = [still_bar(by, most, f"{np.degrees(by):.1f} degrees, at most {np.degrees(most):.1f}")]
         if self.step.kind is Kind.PAUSE:
             gone = self._times[-1] - self._since if len(self._times) else 0.0
-            reported = [Bar("walk", min(gone / self.plan.walk, 1.0), f"{max(self.plan.walk - gone, 0.0):.0f} s left")]
+            bars = [Bar("walk", min(gone / self.plan.walk, 1.0), f"{max(self.plan.walk - gone, 0.0):.0f} s left")]
         if len(self._times) and not self._missing():
             hips = np.degrees(float(heading(self._columns[1][-1, 0])))
-            reported.append(Bar("hips", None, f"heading {hips:6.1f} degrees"))
-        return reported
+            bars.append(Bar("hips", None, f"heading {hips:6.1f} degrees"))
+        return bars
 
     def _moved(self) -> float:
         """rad, by which a segment has turned lately; infinite while that isn't known."""

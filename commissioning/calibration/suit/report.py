@@ -1,4 +1,4 @@
-"""What is told of a suit's calibration: as text, as figures, and as a picture."""
+"""The report of a suit's calibration: text, figures and a picture."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def lines(result: Result) -> list[str]:
     """The report as text."""
     found, options = result.found, result.options
     times = found.stands.times
-    reported = [
+    text = [
         f"{options.person}, {options.signal}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}, "
         f"{len(times)} stands in {(times[-1] - times[0]) / 60.0:.1f} min",
         f"heading at the end: {np.degrees(found.heading):.1f} degrees to the left (standard deviation "
@@ -52,16 +52,16 @@ def lines(result: Result) -> list[str]:
     ]
     for i, name in enumerate(found.segments):
         own = "" if found.measured[i] else "  no sensor of its own"
-        reported.append(
+        text.append(
             f"{name:<16} {PER_MINUTE * found.rates[i]:+13.2f}  {PER_MINUTE * found.uncertain[i]:9.2f}  "
             f"{np.degrees(found.tilts[:, i].max()):21.1f}{own}"
         )
-    reported.append(
+    text.append(
         f"hips and chest together: {PER_MINUTE * found.whole:+.2f} deg/min: the suit's drift, or how the person "
         "stood, which can't be told apart"
     )
-    reported.append("the heading is corrected, drift is not: it needn't go on like this")
-    return reported
+    text.append("the heading is corrected, drift is not: it needn't go on like this")
+    return text
 
 
 def metrics(result: Result) -> dict[str, Any]:

@@ -82,7 +82,7 @@ class Procedure:
             self.go_on()
 
     def instruction(self) -> Instruction:
-        """What a simulated wearer is told at the present step: its task is to take both hands forward."""
+        """The instruction to a simulated person at the present step: its task is to take both hands forward."""
         return Perform("carry") if self.step.kind is Kind.SHOW else Rest()
 
     def go_on(self) -> str:

@@ -188,9 +188,9 @@ def _bounds(joint: UrdfJoint, given: Mapping[str, float], file: object, warnings
                     f"{np.radians(value):.4g} rad"  # fmt: skip
             warnings.append(f"joint {joint.name}: its limit {key} is {value:g} {'m' if slides else 'rad'}. {asked}")
     for key, value in given.items():
-        output, sign = joint.limits.get(key), -1.0 if key == "lower" else 1.0
-        if output and joint.kind != "continuous" and sign * value > sign * output:
-            warnings.append(f"joint {joint.name}: {key} {value:g} is wider than the file's {output:g}")
+        limit, sign = joint.limits.get(key), -1.0 if key == "lower" else 1.0
+        if limit and joint.kind != "continuous" and sign * value > sign * limit:
+            warnings.append(f"joint {joint.name}: {key} {value:g} is wider than the file's {limit:g}")
     if np.isfinite(found["velocity"]) and found["velocity"] > FAST[slides]:
         unit = "m/s. Are these millimetres?" if slides else "rad/s. Are these degrees?"
         warnings.append(f"joint {joint.name}: its limit velocity is {found['velocity']:g} {unit}")

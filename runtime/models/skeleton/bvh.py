@@ -232,14 +232,14 @@ class _Parser:
         self.hierarchy()
         self._expect("MOTION")
         count = self._count(self._expect("Frames:"))
-        output = self._at
+        where = self._at
         frame_time = self._floats(self._expect("Frame", "Time:")[2:], 1)[0]
         if not 0 < frame_time < 10:
             self._fail(f"a frame time of {frame_time:g} s", "It must be positive, in seconds")
         rows = [i for i, line in enumerate(self._lines[self._at :], self._at + 1) if line.strip()]
         left = len(rows)
         if left != count:
-            self._at = rows[count] if left > count else output  # the first that is too many, or where they are said
+            self._at = rows[count] if left > count else where  # the first that is too many, or where they are said
             self._fail(
                 f"{count} frames are said, and {left} lines follow", "Correct 'Frames:', or cut what is no frame"
             )

@@ -92,8 +92,8 @@ def devices(layout: Layout, row: Words) -> list[dict[str, Any]]:
         words = row[layout.device(index)]
         stamp = int(words[DEVICE.stamp])
         age = (now - stamp) / 1e6 if stamp >= 0 else None
-        level, output, remedy = _device(int(words[DEVICE.link]), age, name in layout.setpoint_owners)
-        found.append({"name": name, "level": level, "words": output, "remedy": remedy, "age": age})
+        level, text, remedy = _device(int(words[DEVICE.link]), age, name in layout.setpoint_owners)
+        found.append({"name": name, "level": level, "words": text, "remedy": remedy, "age": age})
     return found
 
 

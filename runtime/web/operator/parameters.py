@@ -23,7 +23,7 @@ class Parameters:
         self.thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="parameters")
 
     @staticmethod
-    def reported(layout: Layout) -> list[dict[str, Any]]:
+    def described(layout: Layout) -> list[dict[str, Any]]:
         """Name, bounds, unit, text and default of each; a bound that isn't finite is None."""
         keys = ("name", "lower", "upper", "unit", "text", "default")
         return [

@@ -25,9 +25,9 @@ def shelf(folder: Path, profile: str) -> dict[str, Any]:
         `rows`: name, date, seconds, bytes, stop, fault, problem, remedy of each, the newest first. `more`: how many
         aren't told. `words`: why there are none, or what couldn't be read.
     """
-    output: list[str] = []
+    problems: list[str] = []
     try:
-        found = [e for e in entries(folder, report=output.append) if e.summary.profile == profile]
+        found = [e for e in entries(folder, report=problems.append) if e.summary.profile == profile]
     except SrlError as error:
         return {"rows": [], "more": 0, "words": str(error)}
     rows = [
@@ -38,7 +38,7 @@ def shelf(folder: Path, profile: str) -> dict[str, Any]:
         }
         for entry in reversed(found)
     ]  # fmt: skip
-    words = "; ".join(output)
+    words = "; ".join(problems)
     if not rows:
         words = words or f"No recordings of {profile} in {folder}. `srl run --record FILE` makes one."
     return {"rows": rows[:MOST], "more": max(len(rows) - MOST, 0), "words": words}

@@ -62,7 +62,7 @@ class OperatorServer(PictureServer):
         self._joints: list[dict[str, Any]] = []
         self._takes, self._looked = False, 0.0
         self._events: EventReader | None = None
-        self._reported: deque[str] = deque(maxlen=EVENTS)
+        self._messages: deque[str] = deque(maxlen=EVENTS)
 
     # What is told
 
@@ -73,16 +73,16 @@ class OperatorServer(PictureServer):
             self._tell_all(self._guiding.forget())
         self._open_events()
         self._joints = jogging.joints(layout)
-        return {"parameters": Parameters.reported(layout), "joints": self._joints}
+        return {"parameters": Parameters.described(layout), "joints": self._joints}
 
     def frame_beside(self, layout: Layout, row: Words, now: float) -> dict[str, Any]:
         if now >= self._looked:
             self._looked, self._takes = now + LOOK, jogging.takes_presses(self._folder)
             for event in self._events.take() if self._events is not None else ():
-                self._reported.append(event.text)
+                self._messages.append(event.text)
         return {
             "health": health.state(layout, row), "devices": health.devices(layout, row),
-            "values": Parameters.values(layout, row), "events": list(self._reported),
+            "values": Parameters.values(layout, row), "events": list(self._messages),
             "places": jogging.places(layout, row) if self._joints else [], "takes": bool(self._joints) and self._takes,
             "seen": int(row[CYCLE.wake]) // 1000, "told": now * 1e3,
         }  # fmt: skip
@@ -194,7 +194,7 @@ class OperatorServer(PictureServer):
 
     def _set(self, peer: Peer, message: dict[str, Any]) -> None:
         name, value = message.get("name"), number(message, "value")
-        known = {p["name"]: p for p in Parameters.reported(self._view.layout)}
+        known = {p["name"]: p for p in Parameters.described(self._view.layout)}
         if not isinstance(name, str) or name not in known:
             raise BadMessageError("there is no such parameter")
         lower, upper = (known[name][key] for key in ("lower", "upper"))
@@ -274,7 +274,7 @@ class OperatorServer(PictureServer):
             if self._events is not None:
                 self._events.close()
             self._events = opened
-            self._reported.clear()
+            self._messages.clear()
 
     def close(self) -> None:
         self._control.release()

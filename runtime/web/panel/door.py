@@ -138,7 +138,7 @@ class Door:
         if share is not None and len(own) < self._share:
             return True
         # Others are turned away, which costs next to nothing. Where the kernel doesn't say who is who, the oldest goes.
-        turned_away = share == OTHERS and self._users.reported
+        turned_away = share == OTHERS and self._users.known
         oldest = None if turned_away else next((g for g in own if not g.let_in), None)
         if oldest is not None:
             self._end(oldest)
@@ -168,7 +168,7 @@ class _Users:
 
     def __init__(self, ours: tuple[str, int]) -> None:
         self._ours = ours
-        self.reported = False  # whether the kernel says who is who
+        self.known = False  # whether the kernel says who is who
         self._kernel: socket.socket | None = None
         with contextlib.suppress(OSError):
             self._kernel = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_CLOEXEC, 4)
@@ -185,13 +185,13 @@ class _Users:
         asked += struct.pack("=III", 0, _ANY, _ANY)
         try:
             self._kernel.send(_HEAD.pack(_HEAD.size + len(asked), _BY_FAMILY, 1, 0, 0) + asked)
-            output = self._kernel.recv(4096)
+            answer = self._kernel.recv(4096)
         except OSError:
             return OTHERS
-        if len(output) < 84 or _HEAD.unpack_from(output)[1] != _BY_FAMILY:
+        if len(answer) < 84 or _HEAD.unpack_from(answer)[1] != _BY_FAMILY:
             return OTHERS
-        self.reported = True
-        return int(struct.unpack_from("=I", output, 80)[0])  # idiag_uid
+        self.known = True
+        return int(struct.unpack_from("=I", answer, 80)[0])  # idiag_uid
 
     def close(self) -> None:
         if self._kernel is not None:

@@ -133,11 +133,11 @@ class PageServer(ABC):
     def _stop_for(self, peer: Peer, message: dict[str, Any]) -> None:
         """A stop over the page's open connection."""
 
-        async def reported() -> None:
+        async def send() -> None:
             answer = await self._ask_stop()
             peer.tell({"kind": "stopped", "at": message.get("at"), "ok": bool(answer and answer["ok"])})
 
-        task = asyncio.create_task(reported())
+        task = asyncio.create_task(send())
         self._stopping.add(task)
         task.add_done_callback(self._stopping.discard)
 

@@ -34,13 +34,13 @@ class Peer:
             max_msg_size=LONGEST, heartbeat=heartbeat, compress=False, protocols=(PROTOCOL,)
         )
         self.participant = False
-        self._reported: list[str] = []
+        self._waiting: list[str] = []
         self._value = ""
         self._news = asyncio.Event()
 
     def tell(self, message: dict[str, Any]) -> None:
         """Sends a message, in order and none left out."""
-        self._reported.append(json.dumps(message))
+        self._waiting.append(json.dumps(message))
         self._news.set()
 
     def show(self, value: str) -> None:
@@ -51,7 +51,7 @@ class Peer:
     @property
     def pending(self) -> bool:
         """Whether there is something that wasn't sent yet."""
-        return bool(self._reported or self._value)
+        return bool(self._waiting or self._value)
 
     def wake(self) -> None:
         """There is more to send."""
@@ -65,12 +65,12 @@ class Peer:
         while not self.socket.closed:
             await self._news.wait()
             self._news.clear()
-            if len(self._reported) > PENDING:
+            if len(self._waiting) > PENDING:
                 await self.socket.close(code=_BAD, message=b"the page is too slow")
                 return
-            output, self._reported = self._reported, []
+            texts, self._waiting = self._waiting, []
             value, self._value = self._value, ""
-            for text in [*output, value] if value else output:
+            for text in [*texts, value] if value else texts:
                 await self.socket.send_str(text)
             await self.send_more()
 

@@ -39,7 +39,7 @@ class Session:
         phase: what the screen shows.
         trial: the trial that is waiting or running.
         began: CLOCK_MONOTONIC s of its curve's beginning, once it runs.
-        reported: how the last trial ended, for the participant.
+        last_outcome: how the last trial ended, for the participant.
         changed: called after each change of these.
         ended: called with each trial's outcome.
     """
@@ -51,10 +51,10 @@ class Session:
     _frames: list[list[float]]
     _events: list[tuple[float, str]]
     _reading: Reading | None
-    _reported: str
+    _words: str
 
     def __init__(self) -> None:
-        self.reported = ""
+        self.last_outcome = ""
         self.changed: Callable[[], None] = lambda: None
         self.ended: Callable[[ScreenTrial], None] = lambda _: None
         self._clear()
@@ -115,8 +115,8 @@ class Session:
         t = rows[:, 0] - self.began
         within = (t >= 0) & (t <= self.trial.duration)
         self._rows.append(np.column_stack([t, self.trial.target(t), rows[:, 1]])[within])
-        if reading.words != self._reported:
-            self._reported = reading.words
+        if reading.words != self._words:
+            self._words = reading.words
             self._events.append((now - self.began, reading.words or "The pointer follows again"))
         over = now - self.began - self.trial.duration
         if over >= 0 and (self._final or over > LATE):
@@ -141,7 +141,7 @@ class Session:
         samples = np.concatenate([np.empty((0, 3)), *self._rows])
         lost = max(self._lost, 0)
         outcome = ScreenTrial(trial, began, samples, frames, self._events, why, self._round_trip, lost)
-        self.reported = f"The trial was broken off: {why[0].lower()}{why[1:]}" if why else ""
+        self.last_outcome = f"The trial was broken off: {why[0].lower()}{why[1:]}" if why else ""
         self._clear()
         self.changed()
         self.ended(outcome)
@@ -149,7 +149,7 @@ class Session:
     def _clear(self) -> None:
         self.phase, self.trial, self.began = Phase.IDLE, None, 0.0
         self._rows, self._frames, self._events, self._reading = [], [], [], None
-        self._final, self._round_trip, self._reported = False, math.nan, ""
+        self._final, self._round_trip, self._words = False, math.nan, ""
         self._rested, self._generation = 0.0, 0
         self._lost = self._lost_before = 0
 
@@ -158,4 +158,4 @@ class Session:
         trial = None
         if self.trial is not None:
             trial = {**vars(self.trial), "rested": self._rested * 1e3}
-        return {"phase": self.phase, "trial": trial, "began": self.began * 1e3, "told": self.reported}
+        return {"phase": self.phase, "trial": trial, "began": self.began * 1e3, "told": self.last_outcome}

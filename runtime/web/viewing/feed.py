@@ -61,14 +61,17 @@ class Feed:
         self._tail = Tail(run, recorder=False, ending=ending)
         newest = self._tail.ring.newest()
         self._stream = Stream(self._tail.text, apart=True)
-        self._out, self._reported_out = self._stream.recording.binary_stream(), self._stream.reported.binary_stream()
+        self._out, self._events_out = (
+            self._stream.recording.binary_stream(),
+            self._stream.events_to.binary_stream(),
+        )
         self._stream.prologue(newest, live=True)
         self.head = self._out.read() or b""
         self._start = self.head[:HEADER]
         for problem in self._stream.problems:
             print(f"viewer: {problem}", file=sys.stderr, flush=True)
         self._lock = threading.Lock()  # of the stream, and of what is kept
-        self._rows, self._reported = Kept[Thinned](KEPT), Kept[bytes](KEPT_REPORTS)
+        self._rows, self._events = Kept[Thinned](KEPT), Kept[bytes](KEPT_REPORTS)
         self.over = False
         self.failure: BaseException | None = None
         self._ends = False
@@ -78,7 +81,7 @@ class Feed:
     @property
     def mark(self) -> Mark:
         """That of a page that has everything."""
-        return Mark(self._rows.count, self._reported.count)
+        return Mark(self._rows.count, self._events.count)
 
     def since(self, mark: Mark) -> tuple[Mark, float, bytes]:
         """What a page lacks, as one whole stream; empty if it lacks nothing. It takes a while: up to 0.1 s.
@@ -90,7 +93,7 @@ class Feed:
             return Mark(0, 0), 0.0, self.head
         with self._lock:
             new = self.mark
-            rows, messages = self._rows.since(mark.rows), b"".join(self._reported.since(mark.reported))
+            rows, messages = self._rows.since(mark.rows), b"".join(self._events.since(mark.events))
             time = 0.0
             if rows:
                 joined = Thinned.joined(rows)
@@ -122,8 +125,8 @@ class Feed:
                 thinned = self._stream.thin(batch.sequence, batch.rows)
                 self._rows.add(thinned, thinned.size)
             self._stream.events(batch.numbers, batch.events)
-            if reported := self._messages(self._reported_out.read()):
-                self._reported.add(reported, len(reported))
+            if events := self._messages(self._events_out.read()):
+                self._events.add(events, len(events))
 
     def _messages(self, data: bytes | None) -> bytes:
         """A stream's new messages; only its first part has a header. None: there are none."""

@@ -10,4 +10,4 @@ class Mark:
     """Numbers of the next messages: of the rows, and of the states and events. -1: the head comes first."""
 
     rows: int = -1
-    reported: int = -1
+    events: int = -1

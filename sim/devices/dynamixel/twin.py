@@ -42,7 +42,7 @@ class DynamixelTwin(ServoLine):
             for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
         ]
         for servo, motor in zip(self.servos, config.motors.values(), strict=True):
-            servo.output = motor.offset, motor.reverse_mode
+            servo.mounted_for = motor.offset, motor.reverse_mode
             if self.protocol == 2:
                 servo.put("homing_offset", motor.offset)
             if "drive_mode" in servo.by_name:

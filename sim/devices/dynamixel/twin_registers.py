@@ -34,7 +34,7 @@ class Registers(ABC):
 
     def __init__(self, motors: Motors, i: int, model: Model, id: int, baud: int, firmware: int) -> None:
         self.motors, self.i, self.model = motors, i, model
-        self.output = 0, False  # offset and reverse mode for which its horn is mounted: those of the profile
+        self.mounted_for = 0, False  # offset and reverse mode for which its horn is mounted: those of the profile
         self.by_name = table(model, self.protocol)
         self._at: list[Register | None] = [None] * self.size
         self._names = {register.address: name for name, register in self.by_name.items()}
@@ -55,18 +55,18 @@ class Registers(ABC):
         """-1 in reverse mode, else 1. The motor itself keeps its direction."""
         mode = self.by_name.get("drive_mode")
         reverse = mode is not None and bool(mode.decode(self.memory) & REVERSE)
-        return -1 if reverse != self.output[1] else 1
+        return -1 if reverse != self.mounted_for[1] else 1
 
     def shown(self, counts: Any) -> Any:
         """The motor's counts as the registers show them.
 
         Reverse mode mirrors them about the middle of the turn: chosen, no public source says about what.
         """
-        return self._mirrored(counts - self.output[0]) + self.homing
+        return self._mirrored(counts - self.mounted_for[0]) + self.homing
 
     def aimed(self, value: Any) -> Any:
         """The motor's counts for a register's value."""
-        return self._mirrored(value - self.homing) + self.output[0]
+        return self._mirrored(value - self.homing) + self.mounted_for[0]
 
     def _mirrored(self, counts: Any) -> Any:
         return 2 * CENTRE - counts if self.sign < 0 else counts

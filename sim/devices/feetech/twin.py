@@ -42,7 +42,7 @@ class FeetechTwin(ServoLine):
             for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
         ]
         for servo, motor in zip(self.servos, config.motors.values(), strict=True):
-            servo.output = motor.offset
+            servo.mounted_for = motor.offset
             servo.keep("homing_offset", motor.offset)
             servo.put("goal_position", servo.position)
         self._parser = protocol.Parser()

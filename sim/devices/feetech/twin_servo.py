@@ -34,7 +34,7 @@ class Servo:
 
     def __init__(self, motors: FeetechMotors, i: int, model: Model, id: int, baud: int, several: bool) -> None:
         self.motors, self.i = motors, i
-        self.output = 0
+        self.mounted_for = 0
         self.now = 0
         self.refused: dict[str, int] = {}
         self.wakes_on = False
@@ -74,7 +74,7 @@ class Servo:
     @property
     def position(self) -> int:
         """Its present position, counts, as it reports it."""
-        counts = int(self.motors.counts[self.i]) + self.output - self.get("homing_offset")
+        counts = int(self.motors.counts[self.i]) + self.mounted_for - self.get("homing_offset")
         return counts if self.several_turns else counts % COUNTS
 
     @property
@@ -112,7 +112,7 @@ class Servo:
         m, i, value = self.motors, self.i, self.get(name)
         match name:
             case "torque_enable" if value == CENTRE_HERE:
-                self.put("homing_offset", int(m.counts[i]) + self.output - COUNTS // 2)
+                self.put("homing_offset", int(m.counts[i]) + self.mounted_for - COUNTS // 2)
                 self.kept[:] = self.memory
                 self.put("torque_enable", int(m.torque[i]))
                 self.put("goal_position", COUNTS // 2)

@@ -75,13 +75,13 @@ class DashboardServer:
         command = line.lower()
         if command in self._answers:
             return self._answers[command]()
-        for start, output in (
+        for start, answer in (
             ("popup ", "showing popup"), ("addtolog ", "Added log message"), ("load ", "File not found: "),
         ):  # fmt: skip
             if command.startswith(start):
                 if start == "load ":
                     self._refused("load")
-                return output + line[5:] if start == "load " else output
+                return answer + line[5:] if start == "load " else answer
         return f'could not understand: "{line}"'
 
     def _safety(self) -> str:
@@ -92,13 +92,13 @@ class DashboardServer:
         program = self._controller.program
         return f"PLAYING {program.name}" if program is not None else "STOPPED"
 
-    def _do(self, action: Callable[[], None], output: str) -> str:
+    def _do(self, action: Callable[[], None], answer: str) -> str:
         action()
-        return output
+        return answer
 
-    def _refuse(self, command: str, output: str) -> str:
+    def _refuse(self, command: str, answer: str) -> str:
         self._refused(command)
-        return output
+        return answer
 
     def _restart_safety(self) -> str:
         """It ends violations and faults, which this twin doesn't have; afterwards the arm is without power."""

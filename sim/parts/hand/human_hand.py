@@ -51,7 +51,7 @@ class HumanHandPart(Part):
         self.wearer: Wearer = make_wearer(config.wearer, seed, config.model.ranges)
         if (fitted := self.wearer.fitted) is not None:
             warned = self.warnings if fitted.doubtful else self.remarks
-            warned += [("wearer.recording", line) for line in fitted.reported()]
+            warned += [("wearer.recording", line) for line in fitted.lines()]
             if fitted.constant:
                 still = f"these don't move, so they were probably not measured: {', '.join(fitted.constant)}"
                 self.remarks.append(("wearer.recording", still))

@@ -316,27 +316,27 @@ def test_a_key_that_is_held_into_the_next_step_moves_nothing() -> None:
     hold.guide(1, 0.1)
     for t in (0.11, 0.5, 1.2, 1.9):
         hold.key("right", t)
-        assert not hold.reported(t)[0].any()
+        assert not hold.at(t)[0].any()
     hold.key("right", 1.9 + PAUSE)
-    np.testing.assert_array_equal(hold.reported(1.9 + PAUSE)[0], [0.0, 1.0])
+    np.testing.assert_array_equal(hold.at(1.9 + PAUSE)[0], [0.0, 1.0])
     hold.key("1", 2.8)
     assert hold.joint == 1  # the guide chooses
     hold.press(0, 1.0, 9.0, 2.9)
-    assert not hold.reported(2.9)[0].any()
+    assert not hold.at(2.9)[0].any()
     hold.press(1, 1.0, 9.0, 2.9 + PAUSE)
-    assert hold.reported(3.8)[0].tolist() == [0.0, 1.0]
+    assert hold.at(3.8)[0].tolist() == [0.0, 1.0]
     hold.guide(1, 3.8)  # the next step is of the same joint
     for t in (3.82, 4.0, 4.6):
         hold.press(1, 1.0, t + 0.04, t)
-        assert not hold.reported(t)[0].any()
+        assert not hold.at(t)[0].any()
     hold.press(1, 0.0, 9.0, 4.7)  # let go
     hold.press(1, -1.0, 9.0, 4.61 + PAUSE)
-    assert hold.reported(6.0)[0].tolist() == [0.0, -1.0]
+    assert hold.at(6.0)[0].tolist() == [0.0, -1.0]
     hold.guide(None, 7.0)
     hold.press(1, 1.0, 9.5, 9.0)
-    assert not hold.reported(9.0)[0].any()
+    assert not hold.at(9.0)[0].any()
     hold.key("left", 9.0)
-    assert not hold.reported(9.0)[0].any()
+    assert not hold.at(9.0)[0].any()
 
 
 def test_keys_guide_or_move() -> None:

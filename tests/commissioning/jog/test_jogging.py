@@ -63,7 +63,7 @@ class Run:
             self.typed = [(at, bytes_) for at, bytes_ in self.typed if at > self.now]
             for key in self.keys.take(data, self.now):
                 self.hold.key(key, self.now)
-            row.views[WAY][:], row.views[PRESS][:] = self.hold.reported(self.now)
+            row.views[WAY][:], row.views[PRESS][:] = self.hold.at(self.now)
             self.words[DEVICE.stamp] = (self.lockstep.count + 1) * self.lockstep.period
             self.states.add(self.lockstep.step())
             found.append(self.subset.actuator.applied.ravel().copy())

@@ -39,7 +39,7 @@ def test_a_key_in_pieces_is_one_key_and_esc_alone_is_esc() -> None:
 
 
 def reported(hold: Hold, now: float) -> tuple[list[float], float]:
-    way, press = hold.reported(now)
+    way, press = hold.at(now)
     return way.tolist(), float(press[0])
 
 

@@ -54,7 +54,7 @@ def test_a_flipped_sign_is_named_where_a_joint_is_shifted():
     assert set(fitted.shifts) == {"index_pip_flexion", "thumb_tm_abduction"}
     assert "index_pip_flexion" in fitted.mirrored
     assert any(
-        line.startswith("index_pip_flexion would fit without a shift if it were negated") for line in fitted.reported()
+        line.startswith("index_pip_flexion would fit without a shift if it were negated") for line in fitted.lines()
     )
     wide = fit(motion(index_pip_flexion=(120, 10)))
     assert wide.shifts
@@ -65,7 +65,7 @@ def test_a_hand_that_all_but_stands_still_is_doubted():
     assert fit(np.deg2rad(motion(index_pip_flexion=(50, 40)))).still
     slight = fit(motion(index_pip_flexion=(20, 2.0)))
     assert slight.doubtful
-    assert any("radian" in line for line in slight.reported())
+    assert any("radian" in line for line in slight.lines())
     assert not fit(motion(index_pip_flexion=(20, 2.6))).still
 
 
@@ -90,7 +90,7 @@ def test_what_clipping_costs_little_is_clipped_and_told():
     np.testing.assert_array_equal(fitted.position, np.clip(q, LOWER, UPPER))
     assert fitted.doubtful
     assert fitted.lost.share == pytest.approx((q[:, PIP] < np.deg2rad(-2)).mean())
-    assert "index_pip_flexion loses" in fitted.reported()[0]
+    assert "index_pip_flexion loses" in fitted.lines()[0]
 
 
 def test_a_few_outliers_move_no_joint_and_raise_no_doubt():

@@ -111,7 +111,7 @@ def test_joints_and_parameters_are_told_with_their_bounds(layout: Layout) -> Non
     assert jogging.places(layout, made) == [None, None]
     assert Parameters.values(layout, made) == [None]
     layout.meta["parameters"][0]["upper"] = float("inf")
-    assert Parameters.reported(layout)[0]["upper"] is None
+    assert Parameters.described(layout)[0]["upper"] is None
 
 
 def test_a_guided_calibration_of_servos_is_a_jog_too(layout: Layout) -> None:

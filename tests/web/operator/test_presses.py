@@ -61,11 +61,11 @@ def test_a_press_arrives_and_lives_for_as_long_as_it_says(folder: RunFolder, end
         assert presses.send(folder, 1, -1, expires)
         assert end.pressed() == []
     assert hold.joint == 1
-    way, press = hold.reported(expires / 1e9 - 0.01)
+    way, press = hold.at(expires / 1e9 - 0.01)
     assert way.tolist() == [0.0, -1.0]
     assert press[0] >= 1
     assert hold.expires(expires / 1e9 - 0.01) == pytest.approx(expires / 1e9, abs=0.01)
-    assert hold.reported(expires / 1e9 + 0.01)[1][0] == 0
+    assert hold.at(expires / 1e9 + 0.01)[1][0] == 0
 
 
 def test_a_fine_press_moves_at_a_fifth(folder: RunFolder, end: Presses, hold: Hold) -> None:
@@ -89,14 +89,14 @@ def test_a_fine_press_moves_at_a_fifth(folder: RunFolder, end: Presses, hold: Ho
 def test_what_is_no_press_moves_nothing(folder: RunFolder, end: Presses, hold: Hold, content: dict[str, Any]) -> None:
     send(folder, json.dumps({"expires": soon()} | content).encode())
     end.pressed()
-    assert hold.reported(time.monotonic())[1][0] == 0
+    assert hold.at(time.monotonic())[1][0] == 0
 
 
 @pytest.mark.parametrize("data", [b"", b"\xff", b"[]", b"1" * 4000, b'{"joint": 0'])
 def test_what_is_no_message_moves_nothing(folder: RunFolder, end: Presses, hold: Hold, data: bytes) -> None:
     send(folder, data)
     end.pressed()
-    assert hold.reported(time.monotonic())[1][0] == 0
+    assert hold.at(time.monotonic())[1][0] == 0
 
 
 def test_without_a_run_that_takes_presses_none_leaves(folder: RunFolder) -> None:
@@ -126,7 +126,7 @@ def test_a_held_jog_ends_within_a_tenth_of_a_second_of_the_last_picture(name: st
             if pressed:
                 reported = now
                 hold.press(0, 1.0, reported + FRESH, reported)
-            row.views[WAY][:], row.views[PRESS][:] = hold.reported(now)
+            row.views[WAY][:], row.views[PRESS][:] = hold.at(now)
             words[DEVICE.stamp] = (lockstep.count + 1) * lockstep.period
             states.add(lockstep.step())
             found.append((now, float(made.actuator.applied.ravel()[0])))

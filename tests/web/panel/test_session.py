@@ -95,7 +95,7 @@ def test_a_stop_or_the_runs_end_breaks_a_trial_off(condition: Condition) -> None
     bench = Bench().started().until(0.5)
     bench.tick(condition, "The limb is stopped")
     assert bench.outcome.aborted == "The limb is stopped"
-    assert bench.session.reported == "The trial was broken off: the limb is stopped"
+    assert bench.session.last_outcome == "The trial was broken off: the limb is stopped"
     bench.started()  # it can be repeated
     assert bench.session.phase is Phase.RUNNING
 

@@ -1,9 +1,9 @@
-"""The engine of guided procedures: things that are done one after another, most of them held still meanwhile."""
+"""The engine of guided procedures in which one thing after another is held still: poses, points, shapes, stands."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
@@ -30,7 +30,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Step:
-    """One step; `number` of the thing counts from 1."""
+    """One step; `number`: of the thing it is about, from 1 on; of a pause, the thing that follows."""
 
     kind: Kind
     number: int = 0
@@ -41,80 +41,32 @@ class Step:
         return {Kind.HOLD: self.number, Kind.LEAVE: LEFT_OUT + self.number}.get(self.kind, IDLE)
 
 
-class Things(ABC):
-    """Goes from thing to thing. A procedure says what its steps are and when one ends.
+class HeldStill(ABC):
+    """Each thing is held still: it begins once all is still and unlike in those before, and counts for `hold` seconds.
+
+    Samples come in columns, each (T, ...); the first is time in s.
 
     Attributes:
-        step: the present step; it has a `kind`, one of which is called DONE, and a `number`.
+        step: the present step.
         things: what a person calls them: "poses".
+        fewest: how many must remain when some are left out; None: each is needed.
     """
 
     things: str
+    fewest: int | None = None
 
-    def __init__(self, numbers: Sequence[int], again: bool) -> None:
+    def __init__(self, numbers: Sequence[int], again: bool, settle: float, hold: float) -> None:
         """`again`: of an earlier session; nothing is left to do until `redo` says so."""
         self._numbers = tuple(numbers)
         self._open = [] if again else list(numbers)
         self._out: set[int] = set()
-        self._weak: dict[int, str] = {}
-        self.step: Any = None
+        self._settle, self._hold = settle, hold
+        self._next()
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to do."""
-        return bool(self.step.kind.name == "DONE")
-
-    @abstractmethod
-    def _go(self, number: int) -> None:
-        """Begins with a thing."""
-
-    def _forget(self, number: int) -> None:
-        """Drops what is known of a thing."""
-
-    def skip(self) -> str:
-        """Leaves nothing out: each is needed."""
-        return "" if self.done else f"every {self.things.removesuffix('s')} is needed"
-
-    def redo(self, number: int) -> str:
-        """Does a thing again, next. Returns why that can't be; "" if it could."""
-        if number not in self._numbers:
-            return f"the {self.things} are {self._numbers[0]} to {self._numbers[-1]}"
-        if number in self._open:
-            self._open.remove(number)
-        self._open.insert(0, number)
-        self._forget(number)
-        self._weak.pop(number, None)
-        self._out.discard(number)
-        self._go(number)
-        return ""
-
-    def _states(self, pausing: Collection[str] = ()) -> tuple[str, ...]:
-        """Of each thing; `pausing`: names of kinds of steps at which none is under way."""
-
-        def state(number: int) -> str:
-            if number == self.step.number and not self.done and self.step.kind.name not in pausing:
-                return "now"
-            if number in self._open:
-                return "waiting"
-            if number in self._weak:
-                return f"weak: {self._weak[number]}"
-            return "left out" if number in self._out else "done"
-
-        return tuple(state(number) for number in self._numbers)
-
-
-class HeldStill(Things):
-    """Each thing is held still: it begins once all is still and unlike in those before, and counts for `hold` seconds.
-
-    Samples come in columns, each (T, ...); the first is time in s.
-    """
-
-    fewest: int | None = None  # how many must remain when some are left out; None: each is needed
-
-    def __init__(self, numbers: Sequence[int], again: bool, settle: float, hold: float) -> None:
-        super().__init__(numbers, again)
-        self._settle, self._hold = settle, hold
-        self._next()
+        return self.step.kind is Kind.DONE
 
     def _next(self) -> None:
         if self._open:
@@ -150,6 +102,9 @@ class HeldStill(Things):
     def _keep(self, number: int) -> bool:
         """Takes the samples of a thing that was held. Returns whether they are good."""
 
+    def _forget(self, number: int) -> None:
+        """Drops what is known of a thing."""
+
     @property
     def _wait(self) -> float:
         """s for which it must be still before it counts."""
@@ -181,7 +136,7 @@ class HeldStill(Things):
             self._take()
 
     def _pause(self) -> None:
-        """Ends a pause between two things, once it is over."""
+        """Ends a pause before a thing, once it is over."""
 
     def _drop_old(self) -> None:
         """Of a way of minutes only the end is looked at."""
@@ -208,7 +163,7 @@ class HeldStill(Things):
     def skip(self) -> str:
         """Leaves the present thing out, if it may be. Returns why that can't be; "" if it could."""
         if self.fewest is None:
-            return super().skip()
+            return "" if self.done else f"every {self.things.removesuffix('s')} is needed"
         if self.step.kind not in (Kind.GO, Kind.HOLD):
             return ""
         number = self.step.number
@@ -220,9 +175,21 @@ class HeldStill(Things):
         self._begin(Step(Kind.LEAVE, number))
         return ""
 
+    def redo(self, number: int) -> str:
+        """Does a thing again, next. Returns why that can't be; "" if it could."""
+        if number not in self._numbers:
+            return f"the {self.things} are {self._numbers[0]} to {self._numbers[-1]}"
+        if number in self._open:
+            self._open.remove(number)
+        self._open.insert(0, number)
+        self._forget(number)
+        self._out.discard(number)
+        self._go(number)
+        return ""
+
+    @abstractmethod
     def instruction(self) -> Instruction:
-        """What whoever simulates the person is told at the present step."""
-        raise NotImplementedError
+        """The instruction to a simulated person at the present step."""
 
     @abstractmethod
     def _task(self) -> str:
@@ -252,8 +219,17 @@ class HeldStill(Things):
         bars = [Bar("held", min(held, 1.0), f"{one} {self.step.number}" if self.step.number else "")]
         bars = [*(() if self.step.kind is Kind.PAUSE else bars), *self._bars()]
         lack = self._lack() if self.step.kind is Kind.GO else ""
-        states = self._states((Kind.PAUSE.name,))
-        return View(self.step, words[self.step.kind](), lack, self._missing(), states, bars, self.things)
+        return View(self.step, words[self.step.kind](), lack, self._missing(), self._states(), bars, self.things)
+
+    def _states(self) -> tuple[str, ...]:
+        def state(number: int) -> str:
+            if number == self.step.number and self.step.kind is not Kind.PAUSE:
+                return "now"
+            if number in self._open:
+                return "waiting"
+            return "left out" if number in self._out else "done"
+
+        return tuple(state(number) for number in self._numbers)
 
     def _held_task(self) -> str:
         return "Hold still"
@@ -261,9 +237,9 @@ class HeldStill(Things):
     def _elapsed(self) -> float:
         return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
 
-    def _recent(self, column: int, span: float | None = None) -> Array:
-        """The newest samples of a column, of `span` s (None: for which it must be still)."""
-        return self._columns[column][self._times >= self._times[-1] - (self._wait if span is None else span)]
+    def _recent(self, column: int) -> Array:
+        """The newest samples of a column, of the time for which it must be still."""
+        return self._columns[column][self._times >= self._times[-1] - self._wait]
 
 
 def still_bar(moved: float, most: float, text: str) -> Bar:
