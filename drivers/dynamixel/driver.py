@@ -100,8 +100,8 @@ class Dynamixel(ServoBus):
             return
         if category is Stop.LIMP:
             self._release()
-        elif self._zero and not self._stopping:
-            self._stopping = self._zero
+        elif self._zero and not self._stop_packet:
+            self._stop_packet = self._zero
         if self._send_stop():
             self._publish_stop()
 
@@ -111,7 +111,9 @@ class Dynamixel(ServoBus):
 
     def _last(self) -> bytes:
         return (
-            self._stopping + self._zero + (self._units.frame("bus_watchdog", 0) if self._units.protocol == 2 else b"")
+            self._stop_packet
+            + self._zero
+            + (self._units.frame("bus_watchdog", 0) if self._units.protocol == 2 else b"")
         )
 
     @classmethod
@@ -170,8 +172,8 @@ class Dynamixel(ServoBus):
             return
         goals, waking = self._give() if commanding and not alone else (b"", [])
         if commanding:
-            self._stopping = b""
-        if line.send(request, now, self._prefix + self._stopping + goals):
+            self._stop_packet = b""
+        if line.send(request, now, self._prefix + self._stop_packet + goals):
             self._prefix = b""
             self._publish_stop()
             self._exchanges += 1
@@ -196,14 +198,14 @@ class Dynamixel(ServoBus):
 
     def _publish_stop(self) -> None:
         """Notes that the stop command has left; it may set goals of velocity and effort to 0."""
-        if self._stopping and self._stopping == self._zero and self._goals.newest:
+        if self._stop_packet and self._stop_packet == self._zero and self._goals.newest:
             self.sent_arrays[self.config.command][:] = 0.0
-        self._stopping = b""
+        self._stop_packet = b""
 
-    def _rest(self) -> None:
+    def _idle(self) -> None:
         """Handles the end of commands, e.g. after a fault: velocity and effort goals must not stay in force."""
         if self._driven and self._zero:
-            self._stopping = self._stopping or self._zero
+            self._stop_packet = self._stop_packet or self._zero
         self._driven = False
 
     def _next(self, line: Line, now: int) -> tuple[Request | None, bool]:

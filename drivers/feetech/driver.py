@@ -94,7 +94,7 @@ class Feetech(ServoBus):
             return
         self._release()
         if self._send_stop():
-            self._stopping = b""
+            self._stop_packet = b""
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
@@ -149,9 +149,9 @@ class Feetech(ServoBus):
             if len(self._faults.far) > before:
                 self._name_faults()
         if goals:
-            self._stopping = b""
-        if line.send(request, now, self._prefix + self._stopping + goals):
-            self._prefix = self._stopping = b""
+            self._stop_packet = b""
+        if line.send(request, now, self._prefix + self._stop_packet + goals):
+            self._prefix = self._stop_packet = b""
             self._exchanges += 1
             if goals:
                 self._goals.left(goals, waking, self.command_arrays[_COMMAND], self.sent_arrays[_COMMAND])
@@ -206,7 +206,7 @@ class Feetech(ServoBus):
         self._goals.stored[i] = TABLE["goal_position"].decode(data, base)
         on = TABLE["torque_enable"].decode(data, base) == 1
         if on and self._let_go and not self._goals.powered[i]:
-            self._stopping = self._limp  # a packet without an answer may be lost
+            self._stop_packet = self._limp  # a packet without an answer may be lost
         if not on and self._goals.powered[i]:
             self._faults.limp.add(i)
             self._goals.powered[i] = False

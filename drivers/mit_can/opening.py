@@ -308,8 +308,9 @@ class Opening:
     ) -> list[can.Message]:
         """The answers to these frames, which are sent again while none comes: more than they are tell of two motors.
 
-        On a busy host an answer may be late, and then come with the one to the repetition: such a crowd is of one
-        motor as well as of two, so it is asked again after a pause in which what is late comes in.
+        On a busy host an answer may be late, and then come with the next one; after a reconnection the answers to the
+        last commands may come with the first. Such a crowd is of one motor as well as of two, so it is asked again
+        after a pause in which what is late comes in.
         """
         found = list[can.Message]()
         for k in range(2 * TRIES):
@@ -321,7 +322,7 @@ class Opening:
             for id, data in question:
                 self._send(id, data)
             if now := self._gather(fits, ANSWER, more):
-                if k == 0 or found or len(now) <= len(question):
+                if found or len(now) <= len(question):
                     return now
                 found = now
         return found

@@ -31,7 +31,7 @@ LOST: Final = 1_000_000_000  # ns without any answer from a servo
 
 
 class ServoBus(Driver):
-    """What the drivers of all makers do: reading, writing, closing. A maker's adds what is asked, and what it means.
+    """What the drivers of both makers do: reading, writing, closing. A maker's adds what is asked, and what it means.
 
     States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity` (rad/s,
     m/s), `effort` (N m, N), `temperature` (degC), `voltage` (V). A sample's stamp is the time of its request, so a
@@ -67,7 +67,7 @@ class ServoBus(Driver):
     def _forget(self) -> None:
         """What is true of a new connection."""
         self._plan = Plan(self._units)
-        self._stopping = b""  # a stop command that wasn't sent yet
+        self._stop_packet = b""  # a stop command that wasn't sent yet
         self._let_go = False  # LIMP was requested, and no goal since
         self._prefix = b""  # bytes sent in front of the next request
         self._writing = False  # `write` was called since the last `read`
@@ -85,7 +85,7 @@ class ServoBus(Driver):
                 remedy = "Check the bus' cables and the servos' power"
                 raise DeviceLostError(self.name, who_is_silent(self.config.motors, silent), remedy)
             if not self._writing:
-                self._rest()
+                self._idle()
                 if line.free:
                     self._ask(line, now, False)
         except DeviceLostError as error:
@@ -119,7 +119,7 @@ class ServoBus(Driver):
                 if last := self._last():
                     link.write_all(last, 0.2)
         self.health.connected = False
-        self._stopping = b""
+        self._stop_packet = b""
         self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
         link.close()
 
@@ -139,7 +139,7 @@ class ServoBus(Driver):
     def _take(self, request: Request, now: int) -> None:
         """Takes a request that has ended, answered or not."""
 
-    def _rest(self) -> None:
+    def _idle(self) -> None:
         """Handles a cycle without a command."""
 
     def _away(self) -> set[int]:
@@ -148,20 +148,20 @@ class ServoBus(Driver):
 
     def _last(self) -> bytes:
         """What is sent before the link is closed."""
-        return self._stopping
+        return self._stop_packet
 
     def _release(self) -> None:
         """Has the torque switched off with the next packet."""
         if not self._let_go or any(self._goals.powered):
-            self._stopping = self._limp
+            self._stop_packet = self._limp
         self._let_go = True
         self._goals.powered = [False] * len(self._goals.powered)
 
     def _send_stop(self) -> bool:
         """Sends the pending stop command at once where the line is free. Returns whether it left."""
-        if self._stopping and self._line is not None and self._line.free:
+        if self._stop_packet and self._line is not None and self._line.free:
             with contextlib.suppress(DeviceError):  # the next read reports a lost link
-                return self._line.link.write(self._stopping)
+                return self._line.link.write(self._stop_packet)
         return False
 
     def _name_faults(self) -> None:

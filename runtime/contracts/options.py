@@ -46,21 +46,14 @@ class Options(BaseModel):  # noqa: PLW1641  (pydantic makes the hash of a frozen
             if old in value:
                 raise OptionError(f"the key '{old}' is gone", instead[:1].upper() + instead[1:])
         names = cls.new_keys()
-        given: dict[str, Any] = {}
-        old_by_new: dict[str, str] = {}
-        for key, content in value.items():
-            new = names.get(str(key), str(key))
-            if new != key:
-                if new in value:
-                    raise OptionError(
-                        f"'{key}' and '{new}' are the same option", f"Take '{key}' out: it is the old name"
-                    )
-                old_by_new[new] = key
-            given[new] = content
+        old_by_new = {names[key]: key for key in value if key in names}
+        for new, key in old_by_new.items():
+            if new in value:
+                raise OptionError(f"'{key}' and '{new}' are the same option", f"Take '{key}' out: it is the old name")
         if not old_by_new:
             return handler(value)
         try:
-            made = handler(given)
+            made = handler({names.get(key, key): content for key, content in value.items()})
         except ValidationError as error:
             raise _by_given_names(error, old_by_new) from None
         made._old_keys = tuple(old_by_new.values())

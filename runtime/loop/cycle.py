@@ -293,7 +293,7 @@ class Cycle:
             flags |= FLAG_RESYNCHRONISED * guard.resynchronised
             if guard.verified is not None:
                 flags |= FLAG_HELD * guard.verified.held
-                self._clearances[i].tell(guard.verified, dt)
+                self._clearances[i].update(guard.verified, dt)
         if flags:
             ints[_FLAGS] |= flags
         self._was = state

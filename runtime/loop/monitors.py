@@ -58,7 +58,7 @@ class CommandDelivery:
                 transmitted, self._sent[i] = transmitted and sent != self._sent[i], sent
             if self._links.item(actuator.device) & LINK_ACTIVE:
                 guard.resynchronise(transmitted, dt)
-                self._tell_stall(i, guard.resynchronised, dt)
+                self._report_stall(i, guard.resynchronised, dt)
         self._counts = counts
 
     def stalled(self) -> int:
@@ -68,7 +68,7 @@ class CommandDelivery:
                 return actuator.device
         return -1
 
-    def _tell_stall(self, i: int, resynchronised: bool, dt: float) -> None:
+    def _report_stall(self, i: int, resynchronised: bool, dt: float) -> None:
         """Reports a device that has taken no commands, or limited them all, for a while; and its end."""
         self._lacks[i] = self._lacks[i] + dt if resynchronised else max(self._lacks[i] - dt / 4, 0.0)
         before = self._stalls[i]
@@ -103,7 +103,7 @@ class ClearanceMonitor:
         taken = self._stamps.item(self._actuator.device)
         verified.begin(now, stamps, max(now - taken, 0) * 1e-9 if taken >= 0 else 0.0)
 
-    def tell(self, verified: VerifiedStop, dt: float) -> None:
+    def update(self, verified: VerifiedStop, dt: float) -> None:
         """Ends a cycle: writes the margin, and reports when the limb is held and when no longer."""
         actuator = self._actuator
         assert actuator.margin is not None

@@ -74,6 +74,24 @@ def test_an_answer_that_is_late_isn_t_another_motor_s(motors: dict[str, Any], ma
     assert limb.state("position") == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
+@pytest.mark.parametrize(("motors", "maker"), [(TWO, "damiao"), (AK, "v2")])
+def test_the_last_command_s_answer_that_comes_with_the_first_isn_t_another_motor_s(motors: Any, maker: str) -> None:
+    """A link that was away brings what it had held back."""
+    limb = Limb(motors, maker)
+    take, held = limb.drives.take, [True]
+
+    def first_comes_twice(id: int, data: bytes, extended: bool) -> Any:
+        answers = take(id, data, extended)
+        if answers and held[0]:
+            held[0] = False
+            return [answers[0], *answers]
+        return answers
+
+    limb.drives.take = first_comes_twice  # type: ignore[method-assign]
+    limb.open()
+    assert limb.fault == ""
+
+
 def test_a_reply_on_another_identifier_is_named() -> None:
     limb = Limb()
     limb.drives.keep(1, Register.MST_ID, 0)

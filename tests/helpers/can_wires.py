@@ -150,7 +150,7 @@ class MitWire(CanWire):
         twin = mit_can.twin(motors, maker, mit_can.cell(motors, hanging=False), bus(), **options)
         driver = MitCan("device", self._config)
         given = self._config.model_dump(exclude_unset=True, mode="json")
-        swing = None if maker == "damiao" else 0.15
+        swing = None if maker == "damiao" else 0.1  # so that it is still within `start_tolerance` then
         super().__init__(setting_of(driver, "mit-can", given, mode, swing), twin, srl.drivers.mit_can.driver, patch)
         self._mode, self._driver = mode, driver
 

@@ -270,9 +270,9 @@ def test_a_missing_mesh_is_told_once_and_the_robot_has_plain_shapes(tmp_path: Pa
     write_urdf(tmp_path, mesh=False)
     frames, problems, warnings, _ = drawn_small(tmp_path)
     assert problems == []
-    (doubt,) = warnings
-    assert "devices.arm.robot" in doubt
-    assert "package://small/arm.stl of link arm isn't there" in doubt
+    (warning,) = warnings
+    assert "devices.arm.robot" in warning
+    assert "package://small/arm.stl of link arm isn't there" in warning
     assert not any("visual_geometries" in path for path in frames.paths)
     assert "/robot-arm/arm/capsule" in frames.paths
     assert frames.moved[19].keys() == {"arm:arm", "arm:tool", "arm:clamp"}
@@ -306,9 +306,9 @@ def test_a_robot_that_cannot_be_used_is_doubted_and_the_profile_stands(tmp_path:
     write_urdf(tmp_path)
     frames, problems, warnings, _ = drawn_small(tmp_path, SMALL.replace("{urdf: URDF, base: plate, tip: tool}", robot))
     assert problems == []
-    (doubt,) = warnings
-    assert "small.yaml line 8: devices.arm.robot: " in doubt
-    assert reason in doubt
+    (warning,) = warnings
+    assert "small.yaml line 8: devices.arm.robot: " in warning
+    assert reason in warning
     assert not frames.moved
 
 
@@ -331,9 +331,9 @@ def test_names_and_numbers_that_no_robot_has_cost_the_picture_only(
         file.truncate((100 << 20) + 1)
     _, problems, warnings, _ = drawn_small(tmp_path)
     assert problems == []
-    (doubt,) = warnings
-    assert reason in doubt
-    assert len(doubt) < 500
+    (warning,) = warnings
+    assert reason in warning
+    assert len(warning) < 500
 
 
 @pytest.mark.parametrize(

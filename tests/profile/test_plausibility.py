@@ -1,4 +1,4 @@
-"""Numbers in another unit, and a calibration of nobody, are doubted aloud, with their place."""
+"""Numbers in another unit, and a calibration of nobody, cause a warning, with their place."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def test_shipped_profiles_raise_no_doubts(name: str) -> None:
     ],
 )
 def test_another_unit_is_doubted_at_its_place(change: str, place: str, text: str) -> None:
-    (doubt,) = wiring.build(*profile.load("moca-man", [change]), []).warnings
-    assert place in doubt
-    assert text in doubt
+    (warning,) = wiring.build(*profile.load("moca-man", [change]), []).warnings
+    assert place in warning
+    assert text in warning
 
 
 def test_angles_of_servos_and_limits_are_doubted_too() -> None:
@@ -86,8 +86,8 @@ def test_a_window_and_a_speed_in_degrees_are_refused_where_a_real_device_moves(s
 
 
 def test_a_bases_speed_in_millimetres_is_doubted() -> None:
-    (doubt,) = wiring.build(*profile.load("base-jog", ["guard.base.twist_command.velocity=300"]), []).warnings
-    assert "300 m/s is faster than any limb" in doubt
+    (warning,) = wiring.build(*profile.load("base-jog", ["guard.base.twist_command.velocity=300"]), []).warnings
+    assert "300 m/s is faster than any limb" in warning
 
 
 @pytest.mark.parametrize("place", ["nonsense.place", "guard", "guard.finger.position_command"])
@@ -127,8 +127,8 @@ def test_srl_check_says_so_and_a_run_too(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_the_simulated_wearers_calibration_is_doubted_where_a_person_is_seen() -> None:
-    (doubt,) = wiring.build(*profile.load("ikns-finger")).warnings
-    assert "controllers.1.calibration: it was made in simulation, and 'mocap' is real" in doubt
+    (warning,) = wiring.build(*profile.load("ikns-finger")).warnings
+    assert "controllers.1.calibration: it was made in simulation, and 'mocap' is real" in warning
     assert wiring.build(*profile.load("ikns-finger"), ["mocap"]).warnings == []  # a real finger may follow it
     assert wiring.build(*profile.load("ikns-finger", ["input=gamepad"])).warnings == []
 
@@ -147,18 +147,18 @@ def test_a_calibration_by_another_body_is_doubted(tmp_path: Path) -> None:
     record.write(tmp_path / "p07.json", made.model_copy(update={"simulated": False, "bodies": bodies}))
     own = f"controllers.1.calibration={tmp_path / 'p07.json'}"
     assert wiring.build(*profile.load("ikns-finger", [own])).warnings == []
-    (doubt,) = wiring.build(*profile.load("ikns-finger", [own, "models.body.stature=1.8"])).warnings
-    assert "controllers.1.calibration: it was made with another body than `models:` has now" in doubt
+    (warning,) = wiring.build(*profile.load("ikns-finger", [own, "models.body.stature=1.8"])).warnings
+    assert "controllers.1.calibration: it was made with another body than `models:` has now" in warning
 
 
 def test_a_worn_arm_that_nothing_keeps_clear_is_doubted() -> None:
-    (doubt,) = wiring.build(*profile.load("human-srl", ["guard.arm.position_command.clear=null"]), []).warnings
-    assert "guard.arm.position_command: nothing keeps this arm clear of its wearer" in doubt
+    (warning,) = wiring.build(*profile.load("human-srl", ["guard.arm.position_command.clear=null"]), []).warnings
+    assert "guard.arm.position_command: nothing keeps this arm clear of its wearer" in warning
 
 
 def test_a_rate_at_which_an_impedance_drives_what_it_touches_is_doubted_and_the_one_that_is_told_is_enough() -> None:
-    (doubt,) = wiring.build(*profile.load("worn-arm", ["rate=250"])).warnings
-    assert "controllers.1.stiffness: at 250 Hz its torques are too late to damp" in doubt
-    reported = int(doubt.split("Raise 'rate' to ")[1].split(" Hz")[0])
+    (warning,) = wiring.build(*profile.load("worn-arm", ["rate=250"])).warnings
+    assert "controllers.1.stiffness: at 250 Hz its torques are too late to damp" in warning
+    reported = int(warning.split("Raise 'rate' to ")[1].split(" Hz")[0])
     assert 250 < reported <= 500
     assert wiring.build(*profile.load("worn-arm", [f"rate={reported}"])).warnings == []

@@ -56,4 +56,4 @@ def test_a_law_may_read_the_other_arm_too_if_it_commands_its_own() -> None:
 
 def test_an_arm_that_exists_and_has_no_clearance_is_doubted_where_both_are_named() -> None:
     found = warnings(f"{LEFT}=null", laws())
-    assert any(f"{RIGHT}: the left arm has no clearance of its own" in doubt for doubt in found)
+    assert any(f"{RIGHT}: the left arm has no clearance of its own" in warning for warning in found)

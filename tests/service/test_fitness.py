@@ -254,7 +254,7 @@ def test_keys_that_others_read_and_certificates_of_others_are_doubted(tmp_path: 
     def output(ca: Path, certificate: Path, key: Path, days: int = 0) -> list[tuple[bool, str, str]]:
         tls = TlsConfig(ca=str(ca), certificate=str(certificate), key=str(key))
         at = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days)
-        return [(doubt.bad, doubt.problem, doubt.command) for doubt in warnings(tls, at)]
+        return [(warning.bad, warning.problem, warning.command) for warning in warnings(tls, at)]
 
     whole = (ours / "ca.pem", ours / "robot.pem", ours / "robot.key")
     anew = "srl keys FOLDER robot --host NAME"

@@ -123,6 +123,21 @@ def test_an_actuator_that_was_handed_over_just_before_the_death_is_stopped(loop:
     assert taken(ours) == b"stopstop"
 
 
+def test_an_end_in_order_isnt_called_a_death_where_the_supervisor_was_held_up_between_two_looks(
+    loop: LoopDouble,
+) -> None:
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+
+    def seen() -> bool:
+        loop.ring.finish()  # the last row and the end of the process come between the two looks
+        return True
+
+    loop.supervisor._exit.seen = seen  # type: ignore[method-assign]
+    assert loop.supervisor.step()
+    assert loop.supervisor.death is None
+
+
 def loop_handing_over(loop: LoopDouble, descriptor: int) -> Callable[[], bool]:
     """The loop's last words come after the supervisor has listened; then it is seen to die."""
 

@@ -247,10 +247,10 @@ def test_two_devices_at_one_port_are_doubted(folder: Path, plugged: Path, capsys
     one, other = plugged / "ttyACM0", plugged / "by-id" / "usb-Arduino_75735-if00"
     arguments = ["new", "mine", "--from", "sixth-finger", "--port", f"glove={one}", "--port", f"finger={other}"]
     assert main(arguments) == 0
-    doubt = "devices.finger.port: glove is at this port, too, and only one can have it open"
-    assert doubt in capsys.readouterr().out
+    warning = "devices.finger.port: glove is at this port, too, and only one can have it open"
+    assert warning in capsys.readouterr().out
     assert main(["check", "mine.yaml"]) == 0
-    assert doubt in capsys.readouterr().out
+    assert warning in capsys.readouterr().out
     assert main(["check", "mine.yaml", "--sim"]) == 0
     assert "is at this port" not in capsys.readouterr().out
 

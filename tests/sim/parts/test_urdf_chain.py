@@ -1,4 +1,4 @@
-"""An arm from a URDF in the cell: a chain of servos with its links; the same entry for pictures and doubts."""
+"""An arm from a URDF in the cell: a chain of servos with its links; the same entry for pictures and warnings."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def test_a_run_draws_it_and_keeps_its_file(tmp_path: Path) -> None:
 
 def test_a_guard_beyond_the_urdf_is_doubted(tmp_path: Path) -> None:
     wide = "guard.arm.position_command.upper=1.6"
-    (doubt,) = graph(tmp_path, LIMB, HIP, wide).warnings
-    assert "beyond hip_arm's: yaw 1.5, and this is 1.6" in doubt
+    (warning,) = graph(tmp_path, LIMB, HIP, wide).warnings
+    assert "beyond hip_arm's: yaw 1.5, and this is 1.6" in warning
 
 
 @pytest.mark.parametrize(
