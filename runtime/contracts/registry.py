@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from srl.runtime.contracts import extras
@@ -65,11 +65,17 @@ def _one(group: str) -> str:
     return "study" if group == "studies" else group.removesuffix("s")
 
 
-@cache  # it reads the metadata of all installed packages, and a profile asks for a dozen parts
+@cache  # it reads the metadata of all installed packages, and a profile asks for parts of seven groups
+def _all_points(path: tuple[str, ...]) -> EntryPoints:
+    """The entry points of all groups, as they are with this `sys.path`."""
+    return entry_points()
+
+
+@cache
 def _points(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
     """The entry points of a group by name, as they are with this `sys.path`."""
     found: dict[str, EntryPoint] = {}
-    for point in entry_points(group=f"srl.{group}"):
+    for point in _all_points(path).select(group=f"srl.{group}"):
         other = found.setdefault(point.name, point)
         if other.value != point.value:
             raise HostError(

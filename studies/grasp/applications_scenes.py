@@ -63,7 +63,7 @@ def write(folder: Path, name: str, play: Play, text: str, parameters: Mapping[st
 def _pictures(folder: Path, name: str, model: Any, postures: list[Array]) -> list[str]:
     """Draws them in a process of its own: MuJoCo chooses how to draw when it is imported, and may end a process."""
     before = os.environ.get("MUJOCO_GL")
-    os.environ["MUJOCO_GL"] = before or "egl"
+    os.environ["MUJOCO_GL"] = before if before not in (None, "", "disabled") else "egl"
     files = [f"{name}-{number}.png" for number in range(1, len(postures) + 1)]
     compiled = folder / f"{name}.mjb"
     mujoco.mj_saveModel(model, str(compiled), None)
