@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from functools import cache
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from srl.runtime.contracts import extras
@@ -66,7 +66,7 @@ def _one(group: str) -> str:
 
 
 @cache  # it reads the metadata of all installed packages, and a profile asks for parts of seven groups
-def _all_points(path: tuple[str, ...]) -> EntryPoints:
+def _all_points(path: tuple[str, ...]) -> Any:
     """The entry points of all groups, as they are with this `sys.path`."""
     return entry_points()
 
