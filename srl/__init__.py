@@ -47,6 +47,10 @@ if TYPE_CHECKING:
     from srl.runtime.contracts.files import FileOption as FileOption
     from srl.runtime.contracts.files import KeptFile as KeptFile
     from srl.runtime.contracts.files import ProfilePath as ProfilePath
+    from srl.runtime.contracts.limb_drives import LimbDrives as LimbDrives
+    from srl.runtime.contracts.limb_drives import LimbJoint as LimbJoint
+    from srl.runtime.contracts.limb_drives import LimbMotor as LimbMotor
+    from srl.runtime.contracts.limb_drives import Question as Question
     from srl.runtime.contracts.per_element import PerElement as PerElement
     from srl.runtime.contracts.signals import Array as Array
     from srl.runtime.contracts.signals import Command as Command
@@ -71,6 +75,7 @@ _FROM = {
         "WiringError",
     ),
     "files": ("FileOption", "KeptFile", "ProfilePath"),
+    "limb_drives": ("LimbDrives", "LimbJoint", "LimbMotor", "Question"),
     "per_element": ("PerElement",),
     "signals": ("Array", "Command", "Kind", "Limits", "Signal", "Stop"),
     "transforms": ("Transform",),
@@ -94,11 +99,15 @@ __all__ = [
     "HostError",
     "KeptFile",
     "Kind",
+    "LimbDrives",
+    "LimbJoint",
+    "LimbMotor",
     "Limits",
     "Parameter",
     "PerElement",
     "ProfileError",
     "ProfilePath",
+    "Question",
     "RecordingError",
     "RequestError",
     "Sensor",

@@ -17,7 +17,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from srl.commissioning.cli import COMMANDS, new_ports
-from srl.commissioning.new.limb_drives import KINDS
 from srl.commissioning.new.template import begin, check_name
 from srl.runtime.cli import add_command
 from srl.runtime.cli.check import examine
@@ -46,8 +45,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--base", metavar="LINK", help="with --urdf: the link at the limb's base; default: the root")
     parser.add_argument("--tip", metavar="LINK", help="with --urdf: the link at the limb's end")
     parser.add_argument(
-        "--driver", choices=tuple(KINDS), help="with --urdf: what moves its joints; left out: asks, on a terminal"
-    )
+        "--driver",
+        choices=registry.names("limbs"),
+        help="with --urdf: what moves its joints; left out: asks, on a terminal",
+    )  # fmt: skip
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="write this value into it")
     parser.add_argument(
         "--port", action="append", default=[], metavar="DEVICE=PORT", help="a device's port (srl find-port lists them)"

@@ -8,9 +8,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from srl.commissioning.cli.find_port import likely
-from srl.commissioning.new.limb_drives import KINDS, Asked
+from srl.commissioning.new.limb_drivers import limb_drivers
 from srl.runtime.cli.printable import printable
 from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.contracts.limb_drives import Question
 from srl.runtime.profile import library, profile
 from srl.runtime.profile.ports import local_path
 from srl.runtime.service import serial_ports
@@ -35,12 +36,12 @@ def driver(name: str) -> str:
     if not _terminal():
         problem = "it isn't said what moves the limb's joints"
         raise RequestError("--driver", problem, f"For example srl new {name} --urdf FILE --driver feetech. "
-                           f"{nearest('', KINDS)}")  # fmt: skip
+                           f"{nearest('', limb_drivers())}")  # fmt: skip
     print("What moves the limb's joints:")
-    return _one_of({each: kind.words for each, kind in KINDS.items()}, "Which is yours? Number or name: ")
+    return _one_of({each: kind.words for each, kind in limb_drivers().items()}, "Which is yours? Number or name: ")
 
 
-def option(place: str, setting: str, asked: Asked, meaning: Callable[[str], Any]) -> Any:
+def option(place: str, setting: str, asked: Question, meaning: Callable[[str], Any]) -> Any:
     """Asks for an option that can't be guessed, and returns what the answer means.
 
     Args:
@@ -59,7 +60,7 @@ def option(place: str, setting: str, asked: Asked, meaning: Callable[[str], Any]
             print(printable(str(error)))
 
 
-def _hint(asked: Asked) -> str:
+def _hint(asked: Question) -> str:
     return "Yes or no" if asked.kind == "yes" else " or ".join(asked.answers) or f"For example {asked.example}"
 
 

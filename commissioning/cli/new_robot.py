@@ -11,11 +11,12 @@ from typing import Any
 
 from srl.commissioning.cli import new_ports, new_questions
 from srl.commissioning.new.from_urdf import Limb
-from srl.commissioning.new.limb_drives import DEVICE, KINDS, Asked, Drives
+from srl.commissioning.new.limb_drivers import limb_driver
 from srl.runtime.cli.check import examine
 from srl.runtime.cli.printable import printable
 from srl.runtime.contracts import whole_file
 from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.limb_drives import LimbDrives, Question
 from srl.runtime.ipc import older
 from srl.runtime.profile.edit import edited
 from srl.runtime.profile.overrides import split
@@ -24,7 +25,7 @@ from srl.runtime.profile.overrides import split
 def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
     """Writes the profile, checks it, and says what comes next. Returns 0; what is wrong is raised."""
     file = Path(args.urdf)
-    drives = KINDS[args.driver or new_questions.driver(args.name)]
+    drives = limb_driver(args.driver or new_questions.driver(args.name))
     answers, rest = _answers(drives, overrides, target.parent)
     limb = Limb(file, args.base, args.tip, drives, answers)
     started = str(edited(f"{args.name}.yaml", limb.profile(args.name, target.parent), rest))
@@ -51,13 +52,13 @@ def write(args: argparse.Namespace, target: Path, overrides: list[str]) -> int:
     return 0
 
 
-def _answers(drives: Drives, overrides: list[str], folder: Path) -> tuple[dict[str, Any], list[str]]:
+def _answers(drives: LimbDrives, overrides: list[str], folder: Path) -> tuple[dict[str, Any], list[str]]:
     """What only a person knows of the motors, said by overrides or asked for, and the overrides of the rest."""
     given = {path: text for path, text in map(split, overrides)}
     answers: dict[str, Any] = {}
     taken = set()
     while (asked := drives.asks(answers)) is not None:
-        path = f"devices.{DEVICE}.{asked.option}"
+        path = f"devices.arm.{asked.option}"
         if path in given:
             taken.add(path)
             answers[asked.option] = _answer(asked, path, given[path], folder)
@@ -68,14 +69,14 @@ def _answers(drives: Drives, overrides: list[str], folder: Path) -> tuple[dict[s
     return answers, [override for override in overrides if split(override)[0] not in taken]
 
 
-def _answer(asked: Asked, path: str, text: str, folder: Path) -> Any:
+def _answer(asked: Question, path: str, text: str, folder: Path) -> Any:
     try:
         return _seen(asked, folder, text)
     except ValueError as error:
         raise RequestError(f"--set {path}={text}", f"it says {asked.what}", f"{error}") from None
 
 
-def _seen(asked: Asked, folder: Path, text: str) -> Any:
+def _seen(asked: Question, folder: Path, text: str) -> Any:
     """What an answer means; a path that was typed begins here, and one in the profile beside it."""
     value = asked.value(text)
     if asked.kind == "file":

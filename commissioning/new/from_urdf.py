@@ -12,11 +12,12 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
 
-from srl.commissioning.new.limb_drives import KINDS, Drives, Joint
+from srl.commissioning.new.limb_drivers import limb_drivers
 from srl.runtime import __version__
 from srl.runtime.contracts.errors import OptionError, RequestError
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.limb_drives import LimbDrives, LimbJoint
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.robot_model import RobotModel
 from srl.runtime.models.robots import RobotDescription
@@ -44,26 +45,26 @@ class Limb:
     """
 
     def __init__(
-        self, file: Path, base: str | None, tip: str | None, drives: Drives, answers: Mapping[str, Any]
+        self, file: Path, base: str | None, tip: str | None, drives: LimbDrives, answers: Mapping[str, Any]
     ) -> None:
         """Reads the URDF. `answers`: to what `drives` asks. Raises RequestError: nothing can be made of it."""
         self.file, self.ends, self.drives, self.answers = file, {"base": base, "tip": tip}, drives, answers
         self.robot = robot = _read(file, base, tip)
         if robot.slides and not drives.slides:
-            able = ", ".join(name for name, kind in KINDS.items() if kind.slides)
+            able = ", ".join(name for name, kind in limb_drivers().items() if kind.slides)
             problem = f"'{robot.slides[0]}' slides, and it moves joints that turn"
             raise RequestError(f"--driver {drives.driver}", problem, f"Choose {able}, or another --base or --tip")
         torque, inertia = weight(robot), _inertia(robot)
         speed = np.minimum([_SPEED * (_SLIDE if joint.slides else 1.0) for joint in robot.joints], robot.dq_max)
         self.home = hanging(robot) if drives.parked else robot.home
         rows = zip(robot.joints, robot.q_lower, robot.q_upper, self.home, speed, torque, inertia, strict=True)
-        self.joints = [Joint(joint.name, joint.slides, *map(float, numbers)) for joint, *numbers in rows]
+        self.joints = [LimbJoint(joint.name, joint.slides, *map(float, numbers)) for joint, *numbers in rows]
         known = drives.motors(answers)
         self.motors = [
             next((m for m in known if m.stall_torque >= ROOM * self._asked(j)), known[-1]) for j in self.joints
         ]
 
-    def _asked(self, joint: Joint) -> float:
+    def _asked(self, joint: LimbJoint) -> float:
         """N m at the shaft, that the weight asks."""
         return joint.torque * self.drives.lead(joint)
 

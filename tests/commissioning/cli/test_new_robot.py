@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +17,11 @@ from helpers.run import refused
 from srl.commissioning.cli import new_questions
 from srl.commissioning.jog.profile_subset import SPEED, subset
 from srl.commissioning.new.from_urdf import hanging, weight
-from srl.commissioning.new.limb_drives import KINDS, Joint, MitCan
+from srl.commissioning.new.limb_drivers import limb_drivers
+from srl.drivers.mit_can.limb import MitCanLimb
 from srl.runtime.cli import main
 from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.limb_drives import LimbJoint
 from srl.runtime.models.robot_model import RobotModel
 from srl.runtime.models.robots.pinocchio_model import pinocchio_model
 from srl.runtime.profile import profile
@@ -47,7 +50,7 @@ REPORT_EVERY = {
 
 def arguments(style: str, actuators: str) -> list[str]:
     tip = TIPS[style]
-    driver = actuators if actuators in KINDS else "mit-can"
+    driver = actuators if actuators in limb_drivers() else "mit-can"
     output = [word for each in REPORT_EVERY[actuators] for word in ("--set", f"devices.arm.{each}")]
     return ["new", "mine", "--urdf", f"{style}.urdf", *(["--tip", tip] if tip else []), "--driver", driver, *output]
 
@@ -75,7 +78,7 @@ def test_a_strangers_urdf_becomes_a_limb_that_moves(
         assert lab["arm.position"][0] > start[0] + 0.05
 
 
-@pytest.mark.parametrize("driver", KINDS)
+@pytest.mark.parametrize("driver", limb_drivers())
 def test_what_only_a_person_knows_is_asked_for(
     driver: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -103,10 +106,31 @@ def test_what_only_a_person_knows_is_asked_for(
     assert "'pneumatic' is none of them" in capsys.readouterr().out
 
 
+def test_another_packages_driver_moves_a_limb(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    info = tmp_path / "muscle-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: muscle\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[srl.limbs]\nmuscle = muscle:Muscle\nmissile = muscle:Missile\n")
+    (tmp_path / "muscle.py").write_text(
+        "from srl import LimbDrives\n"
+        "class Muscle(LimbDrives):\n"
+        "    driver, words, part, port = 'feetech', 'artificial muscles', 'feetech-chain', '/dev/muscle'\n"
+        "class Missile: pass\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "muscle", raising=False)
+    assert main(["new", "mine", "--urdf", "hip.urdf", "--tip", "tool", "--driver", "muscle"]) == 0
+    assert profile.load("mine.yaml")[0].devices["arm"].options["port"] == "/dev/muscle"
+    assert main(["new", "other", "--urdf", "hip.urdf", "--tip", "tool", "--driver", "missile"]) == 2
+    assert "is no LimbDrives" in capsys.readouterr().err
+
+
 def test_a_motor_is_as_stiff_as_the_weight_needs_and_as_can_be_damped() -> None:
-    mit = MitCan("mit-can", "")
+    mit = MitCanLimb()
     (motor,) = (m for m in mit.motors({"maker": "damiao"}) if m.name == "DM8009")
-    light = Joint("j", False, -1.0, 1.0, 0.0, 0.5, torque=2.0, inertia=0.05)
+    light = LimbJoint("j", False, -1.0, 1.0, 0.0, 0.5, torque=2.0, inertia=0.05)
     kp, kd = mit.gains(light, motor)
     assert kp == pytest.approx(2.0 / 0.05)
     moved = 0.05 + motor.inertia  # type: ignore[attr-defined]
@@ -125,9 +149,9 @@ def test_a_motor_is_as_stiff_as_the_weight_needs_and_as_can_be_damped() -> None:
 )
 def test_a_travel_is_narrowed_to_what_an_encoder_at_the_shaft_tells(lower: float, upper: float, slides: bool) -> None:
     """The joint's home stays inside, and no two turns of the shaft fit in."""
-    mit = MitCan("mit-can", "")
+    mit = MitCanLimb()
     home = 0.0 if lower <= 0.0 <= upper else (lower + upper) / 2
-    joint = Joint("j", slides, lower, upper, home, 0.5, torque=1.0, inertia=0.1)
+    joint = LimbJoint("j", slides, lower, upper, home, 0.5, torque=1.0, inertia=0.1)
     bounds = mit.bounds(joint)
     assert lower <= bounds["lower"] <= home <= bounds["upper"] <= upper
     assert (bounds["upper"] - bounds["lower"]) / mit.lead(joint) + 0.2 < 2 * np.pi
