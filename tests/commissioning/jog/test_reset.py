@@ -55,7 +55,7 @@ class Run:
 
     def press_r(self) -> list[str]:
         self.session._take("r", self.desk, self.row)
-        return list(self.session._reported)
+        return list(self.session._messages)
 
     def reset_on_the_panel(self, folder: RunFolder, since: int) -> dict[str, object] | None:
         found: list[dict[str, object] | None] = []

@@ -42,8 +42,8 @@ def test_no_figure_is_cut_off(width: int) -> None:
 
 def test_a_long_message_is_whole_and_the_newest_ones_are_shown() -> None:
     long = "put the limb near its home, clear of people and things, then start it " * 2
-    shown = text(replace(VIEW, output=("former", long, "new")), width=60, height=14)
+    shown = text(replace(VIEW, messages=("former", long, "new")), width=60, height=14)
     assert "things, then start it" in shown.replace("\n", " ")
     assert shown.splitlines()[-1] == "new"
     assert "former" not in shown
-    assert text(replace(VIEW, output=(long,)), height=3).startswith("srl jog")
+    assert text(replace(VIEW, messages=(long,)), height=3).startswith("srl jog")
