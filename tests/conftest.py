@@ -1,12 +1,13 @@
 """Settings for every test: hypothesis without deadlines, as the machine may be slow at any instant; short paths."""
 
 import gc
+import os
 import shutil
 import signal
 import tempfile
 
 import pytest
-from helpers.sampled import sampled
+from helpers.sampled import sampled, third
 from hypothesis import settings
 
 LONGEST = 16  # bytes of the folder that holds all others: with a test's own below it, a Unix socket's 107 bytes do
@@ -37,7 +38,21 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Takes the samples; and of the slow tests only a third, where `SRL_TEST_THIRD` says which."""
+    _sample(items)
+    asked = os.environ.get("SRL_TEST_THIRD", "")
+    if not asked:
+        return
+    taken, left = [], []
+    for item in items:
+        file = item.path.relative_to(config.rootpath).as_posix()
+        (left if item.get_closest_marker("slow") and third(file) != int(asked) else taken).append(item)
+    items[:] = taken
+    config.hook.pytest_deselected(items=left)
+
+
+def _sample(items: list[pytest.Item]) -> None:
     """Of a test marked `sampled` CI runs a sample of its cases; the others are marked `slow` and `exhaustive`.
 
     `sampled()`: so few that each value of each parameter occurs; `sampled(n)`: n of them, evenly spaced. A case that is

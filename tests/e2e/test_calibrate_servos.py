@@ -207,7 +207,7 @@ ENDS: dict[str, tuple[Callable[[Calibrating], object], int | None]] = {
 }
 
 
-@pytest.mark.sampled(2)  # tests/commissioning/jog has each end
+@pytest.mark.sampled(1)  # tests/commissioning/jog has each end
 @pytest.mark.parametrize("end", ENDS)
 def test_what_ends_in_the_middle_brakes_and_writes_nothing(end: str, tmp_path: Path) -> None:
     act, code = ENDS[end]

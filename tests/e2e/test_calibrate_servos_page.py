@@ -193,6 +193,7 @@ def test_a_person_at_the_page_makes_the_file_and_a_key_held_into_the_next_step_m
     assert last == pytest.approx(-(0.4 + line.trim), abs=0.011)  # home, 0.4, is there
 
 
+@pytest.mark.exhaustive
 def test_the_page_is_gone_with_a_held_key_and_the_run_is_ended_by_a_signal(tmp_path: Path, browser: Chromium) -> None:
     with guided(tmp_path, browser) as made:
         loop = [

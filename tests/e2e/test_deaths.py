@@ -92,7 +92,7 @@ def test_a_killed_loop_is_said_and_its_rows_are_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(6))
 def test_when_everything_is_killed_at_once_every_row_that_was_taken_is_there(
     tmp_path: Path, seed: int, capsys: pytest.CaptureFixture[str]

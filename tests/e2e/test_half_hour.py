@@ -36,7 +36,7 @@ MOVES = 0.8  # s from one to the next
 AFTER = 400.0  # s in which the hand opens and closes, once the shapes are over
 PERSON = "P07"
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.exhaustive]  # five minutes of a simulated person, at a person's pace
 
 
 def hand(path: Path) -> None:

@@ -184,7 +184,7 @@ def test_the_panels_page_is_there(installed: Installed) -> None:
     assert files == sorted(p.name for p in (ROOT / "runtime" / "web" / "panel" / "page").iterdir())
 
 
-@pytest.mark.sampled(1)  # that every data file is there is seen above
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("study", STUDIES)
 def test_a_study_of_each_family_runs(installed: Installed, study: str) -> None:
     output = installed.run("srl", "study", study, "--quick", "--workers", "2", "--json", "--out", "out")

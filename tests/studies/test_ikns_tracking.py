@@ -104,6 +104,7 @@ def test_a_trial_follows_the_curve_through_the_whole_profile(condition: str) -> 
     assert row["held"] == row["outside"] == 0.0
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_trial_depends_on_its_arguments_alone() -> None:
     t = tracking.task(ONE, "gamepad", "preview", "T1", 1, 1)
@@ -112,6 +113,7 @@ def test_a_trial_depends_on_its_arguments_alone() -> None:
     assert other["path"] != one_trial("gamepad")["path"]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_refused_calibration_says_why_and_gives_no_file() -> None:
     given = {"person": "W01", "set": tracking.settings(ONE.wearer, "ikns", "preview"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from helpers.sampled import sampled
+from helpers import ROOT
+from helpers.sampled import sampled, third
 
 
 @pytest.mark.parametrize("sizes", [(1,), (4,), (2, 5), (3, 2, 5)])
@@ -23,3 +24,10 @@ def test_so_many_are_taken_from_end_to_end(count: int) -> None:
     assert len(taken) == count
     assert min(taken) == 0
     assert count == 1 or max(taken) == 6
+
+
+def test_the_slow_tests_are_in_three_parts_and_none_is_lost() -> None:
+    files = [path for path in (ROOT / "tests").rglob("test_*.py") if "mark.slow" in path.read_text()]
+    parts = [third(path.relative_to(ROOT).as_posix()) for path in files]
+    assert set(parts) == {0, 1, 2}
+    assert all(len(files) / 5 < parts.count(part) < len(files) / 2 for part in range(3))

@@ -53,6 +53,7 @@ class Led(RowSource):
         self._live.close()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path / "run"))
