@@ -1,12 +1,16 @@
-"""What the guide of a calibration asks of a procedure, whatever is calibrated."""
+"""The engine of guided procedures, and what their guide shows, whatever is calibrated."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from srl.commissioning.calibration.marks import Indices
+from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction
 
 
@@ -66,31 +70,67 @@ class Samples(Protocol):
         """(T,)."""
 
 
-class Procedure(Protocol):
-    """Goes from step to step as samples come."""
+class Procedure(ABC):
+    """The engine of a guided procedure, which goes from step to step as samples come.
 
-    @property
-    def step(self) -> Step:
-        """The present one."""
+    Samples come in columns, each (T, ...); the first is time in s. Those that bear the present step's mark count.
+
+    Attributes:
+        step: the present step.
+    """
+
+    step: Any
+    _columns: tuple[Array, ...] = ()
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to do."""
+        return bool(self.step.kind.value == "done")
+
+    def _begin(self, step: Step) -> None:
+        self.step = step
+        self._columns = ()
 
     def feed(self, samples: Any) -> None:
         """Takes new samples, as the method's own kind; those that bear another mark than the step's don't count."""
+        own = samples.marks == self.step.mark
+        if not own.any() or self.done:
+            return
+        new, before = self._columns_of(samples, own), self._columns
+        self._columns = tuple(map(np.concatenate, zip(before, new, strict=True))) if before else new
+        self._fed()
 
+    def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
+        """Times and values of the samples at `own`."""
+        raise NotImplementedError
+
+    def _fed(self) -> None:
+        """Looks at the step's samples, which are more now: whether it is over."""
+
+    @property
+    def _times(self) -> Array:
+        return self._columns[0] if self._columns else np.empty(0)
+
+    def _elapsed(self) -> float:
+        """s, from the step's first sample to its last."""
+        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
+
+    @abstractmethod
     def instruction(self) -> Instruction:
         """The instruction to a simulated person at the present step."""
 
+    @abstractmethod
     def go_on(self) -> str:
         """Ends the present step as it is. Returns why that can't be; "" if it could."""
 
+    @abstractmethod
     def skip(self) -> str:
         """Leaves the present thing out. Returns why that can't be; "" if it could."""
 
+    @abstractmethod
     def redo(self, number: int) -> str:
         """Does a thing (from 1 on) again, next. Returns why that can't be; "" if it could."""
 
+    @abstractmethod
     def view(self) -> View:
         """What a person is shown now."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -10,9 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.commissioning.calibration.guided import Bar, View
+from srl.commissioning.calibration.guided import Bar, Procedure, View
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.wearer import Instruction
 
 IDLE: Final = 0  # the mark of what doesn't count
 LEFT_OUT: Final = 100  # added to a thing's number: it is left out
@@ -41,13 +40,10 @@ class Step:
         return {Kind.HOLD: self.number, Kind.LEAVE: LEFT_OUT + self.number}.get(self.kind, IDLE)
 
 
-class HeldStill(ABC):
+class HeldStill(Procedure):
     """Each thing is held still: it begins once all is still and unlike in those before, and counts for `hold` seconds.
 
-    Samples come in columns, each (T, ...); the first is time in s.
-
     Attributes:
-        step: the present step.
         things: what a person calls them: "poses".
         fewest: how many must remain when some are left out; None: each is needed.
     """
@@ -63,11 +59,6 @@ class HeldStill(ABC):
         self._settle, self._hold = settle, hold
         self._next()
 
-    @property
-    def done(self) -> bool:
-        """Whether nothing is left to do."""
-        return self.step.kind is Kind.DONE
-
     def _next(self) -> None:
         if self._open:
             self._go(self._open[0])
@@ -77,18 +68,9 @@ class HeldStill(ABC):
     def _go(self, number: int) -> None:
         self._begin(Step(Kind.GO, number))
 
-    def _begin(self, step: Step) -> None:
-        self.step = step
-        self._columns: tuple[Array, ...] = ()
+    def _begin(self, step: Any) -> None:
+        super()._begin(step)
         self._since = np.nan  # s, of the step's first sample
-
-    @property
-    def _times(self) -> Array:
-        return self._columns[0] if self._columns else np.empty(0)
-
-    @abstractmethod
-    def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
-        """Times and values of the samples at `own`."""
 
     @abstractmethod
     def _still(self) -> bool:
@@ -110,20 +92,12 @@ class HeldStill(ABC):
         """s for which it must be still before it counts."""
         return self._settle
 
-    def feed(self, samples: Any) -> None:
-        """Takes new samples; those that bear another mark than the step's don't count."""
-        own = samples.marks == self.step.mark
-        if not own.any() or self.done:
-            return
+    def _fed(self) -> None:
+        if np.isnan(self._since):
+            self._since = float(self._times[0])
         if self.step.kind is Kind.LEAVE:
             self._next()
-            return
-        new = self._columns_of(samples, own)
-        if np.isnan(self._since):
-            self._since = float(new[0][0])
-        before = self._columns
-        self._columns = tuple(map(np.concatenate, zip(before, new, strict=True))) if before else new
-        if self.step.kind is Kind.PAUSE:
+        elif self.step.kind is Kind.PAUSE:
             self._drop_old()
             self._pause()
         elif self.step.kind is Kind.GO:
@@ -188,10 +162,6 @@ class HeldStill(ABC):
         return ""
 
     @abstractmethod
-    def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
-
-    @abstractmethod
     def _task(self) -> str:
         """What to do at a step that isn't held."""
 
@@ -233,9 +203,6 @@ class HeldStill(ABC):
 
     def _held_task(self) -> str:
         return "Hold still"
-
-    def _elapsed(self) -> float:
-        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
 
     def _recent(self, column: int) -> Array:
         """The newest samples of a column, of the time for which it must be still."""

@@ -68,7 +68,7 @@ def test_task_is_calibrated_and_run_from_its_file(tmp_path: Path) -> None:
     )  # fmt: skip
     assert (tmp_path / "again.task.json").read_text() == (tmp_path / "p07.task.json").read_text()
     ran = call(
-        tmp_path, "run", "human-srl-task", "--sim", "--fast", "--duration", "30", "--json", *far,
+        tmp_path, "run", "human-srl-task", "--sim", "--fast", "--duration", "60", "--json", *far,
         "--set", "controllers.1.task=p07.task.json", "--set", "sim.parts.wearer.script=still",
         "--set", "sim.devices.lever.presses=[]", timeout=400,
     )  # fmt: skip

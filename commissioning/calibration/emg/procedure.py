@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from srl.commissioning.calibration.emg.fit import Thresholds
 from srl.commissioning.calibration.emg.samples import IDLE, REST, Plan, Samples, mark
 from srl.commissioning.calibration.guided import Bar, View
+from srl.commissioning.calibration.guided import Procedure as Guided
 from srl.control.emg.blocks import GONE, Stream
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Contract, Instruction, Rest
@@ -45,12 +46,8 @@ class Step:
         return REST if self.kind is Kind.REST else IDLE
 
 
-class Procedure:
-    """Goes from step to step as samples come. A contraction counts from its onset: `factor` times the rest level.
-
-    Attributes:
-        step: the present step.
-    """
+class Procedure(Guided):
+    """Goes from step to step as samples come. A contraction counts from its onset: `factor` times the rest level."""
 
     def __init__(
         self, muscles: Sequence[str], plan: Plan, thresholds: Thresholds, rest: Array | None = None
@@ -74,15 +71,10 @@ class Procedure:
         muscle, repeat = self._open[0]
         self._begin(Step(Kind.PAUSE if muscle else Kind.READY, muscle, repeat))
 
-    def _begin(self, step: Step) -> None:
-        self.step = step
+    def _begin(self, step: Any) -> None:
+        super()._begin(step)
         self._since = self._onset = self._now = np.nan
         self._levels: list[Array] = []
-
-    @property
-    def done(self) -> bool:
-        """Whether nothing is left to do."""
-        return self.step.kind is Kind.DONE
 
     def feed(self, samples: Samples) -> None:
         """Takes new samples; those that bear another mark than the step's don't count."""

@@ -7,11 +7,12 @@ points near the corners and the middle of the explored workspace, at each the mo
 from __future__ import annotations
 
 from collections import deque
-from typing import Final, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from pydantic import Field
 
+from srl.commissioning.calibration.guided import Procedure as Guided
 from srl.commissioning.calibration.guided import View
 from srl.commissioning.calibration.ikns import marks
 from srl.commissioning.calibration.ikns.samples import LEAST_POINTS, Samples
@@ -45,7 +46,7 @@ class Plan(Options):
     inset: float = Field(0.8, gt=0.0, le=1.0, description="size of the points' box, in that of the explored box")
 
 
-class Procedure:
+class Procedure(Guided):
     """Goes from step to step as samples come; see the module's docstring.
 
     Attributes:
@@ -75,7 +76,6 @@ class Procedure:
         self._out: set[int] = set()
         self._box: Array | None = None
         self._queue: deque[tuple[int, int]] = deque()
-        self._parts: list[Array] = []
         self._begin(Step(Kind.STATIC))
         if explored is not None:
             self._box = None if not len(explored) else _box(explored)
@@ -85,23 +85,21 @@ class Procedure:
             self._lacks = [[""] * len(dofs) for _ in self.points]
             self._begin(Step(Kind.DONE))
 
-    def feed(self, samples: Samples) -> None:
-        """Takes new samples; those that bear another mark than the step's don't count.
+    def _columns_of(self, samples: Samples, own: Any) -> tuple[Array, ...]:
+        return samples.times[own], samples.hand[own], samples.angles[own]
 
-        Raises CalibrationError: static or exploration can't be finished.
-        """
-        own = samples.marks == self.step.mark
-        if not own.any():
-            return
-        self._parts.append(np.column_stack([samples.times, samples.hand, samples.angles])[own])
-        table = np.concatenate(self._parts)
-        self._parts = [table]
-        self._times, self._hand, self._angles = table[:, 0], table[:, 1:4], table[:, 4:]
-        self._seen = np.asarray(np.isfinite(table).all(axis=1))
+    @property
+    def _hand(self) -> Array:
+        """(T, 3) m."""
+        return self._columns[1] if self._columns else np.empty((0, 3))
+
+    def _fed(self) -> None:
+        """Raises CalibrationError: static or exploration can't be finished."""
+        times, hand, angles = self._columns
+        self._seen = np.isfinite(times) & np.isfinite(hand).all(axis=1) & np.isfinite(angles).all(axis=1)
         self._speed = hand_speed(self._times, self._hand)
         {
             Kind.STATIC: self._static, Kind.EXPLORATION: self._explore, Kind.GO: self._go, Kind.TRIAL: self._try,
-            Kind.DONE: lambda: None,
         }[self.step.kind]()  # fmt: skip
 
     def go_on(self) -> str:
@@ -147,11 +145,6 @@ class Procedure:
         """(3,) m: the present step's point; None where it has none."""
         return None if self.points is None or self.step.point < 0 else self.points[self.step.point]
 
-    @property
-    def done(self) -> bool:
-        """Whether nothing is left to do."""
-        return self.step.kind is Kind.DONE
-
     def instruction(self) -> Instruction:
         """The instruction to a simulated person at the present step."""
         if self.step.kind is Kind.EXPLORATION:
@@ -164,7 +157,7 @@ class Procedure:
     def view(self) -> View:
         """What a person is shown now."""
         # What a trial lacks, it may still get in its time.
-        early = self.step.kind is Kind.TRIAL and self._elapsed < self._span()
+        early = self.step.kind is Kind.TRIAL and self._elapsed() < self._span()
         states = tuple(self._state(at) for at in range(len(self._lacks)))
         return self.progress().view(self._task(self._gap()), self._unseen() if early else self._lack, states)
 
@@ -174,7 +167,7 @@ class Procedure:
         moving = self._speed[tail & np.isfinite(self._speed)]
         trial = self.step.kind is Kind.TRIAL
         return Progress(
-            self.step, min(self._elapsed / self._span(), 1.0), float(moving[-1]) if len(moving) else np.nan,
+            self.step, min(self._elapsed() / self._span(), 1.0), float(moving[-1]) if len(moving) else np.nan,
             float(np.linalg.norm(self._gap())), 1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0,
             self._kept if trial else 0, self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range,
             self._box,
@@ -187,9 +180,8 @@ class Procedure:
 
     # Steps
 
-    def _begin(self, step: Step) -> None:
-        self.step, self._parts = step, []
-        self._times, self._hand, self._angles = np.empty(0), np.empty((0, 3)), np.empty((0, 0))
+    def _begin(self, step: Any) -> None:
+        super()._begin(step)
         self._seen, self._speed = np.empty(0, bool), np.empty(0)
         # A trial that is ended before a sample has come isn't done.
         self._kept, self._range, self._lack = 0, 0.0, "nothing was seen" if step.kind is Kind.TRIAL else ""
@@ -228,10 +220,6 @@ class Procedure:
         weak = [f"{dof}: {lack}" if named else lack for dof, lack in zip(self.dofs, lacks, strict=True) if lack]
         return f"weak: {'; '.join(weak)}" if weak else "done"
 
-    @property
-    def _elapsed(self) -> float:
-        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
-
     def _span(self) -> float:
         """s that the step takes at best."""
         plan = self.plan
@@ -240,11 +228,11 @@ class Procedure:
         )
 
     def _late(self) -> bool:
-        return self._elapsed >= self._span() + self.plan.patience
+        return self._elapsed() >= self._span() + self.plan.patience
 
     def _quiet(self, seconds: float) -> bool:
         """Whether the hand was seen and still for the last seconds."""
-        if self._elapsed < seconds:
+        if self._elapsed() < seconds:
             return False
         tail = self._times >= self._times[-1] - seconds
         tail &= self._times <= self._times[-1] - 0.05  # a speed at the very end is of too few samples
@@ -259,7 +247,7 @@ class Procedure:
         if self._quiet(self.plan.static):
             self._next()
             return
-        self._lack = self._unseen() or ("" if self._elapsed < self._span() else "the hand isn't still")
+        self._lack = self._unseen() or ("" if self._elapsed() < self._span() else "the hand isn't still")
         if self._late():
             raise CalibrationError("static", self._lack, "Sit still with all markers in view, and begin again")
 
@@ -268,7 +256,7 @@ class Procedure:
         if len(hand):
             self._box = _box(hand)
         self._lack = self._unseen() or self._shallow()
-        if self._elapsed >= self._span() and not self._lack:
+        if self._elapsed() >= self._span() and not self._lack:
             self._next()
         elif self._late():
             raise CalibrationError("exploration", self._lack, "Begin again, and move the hand through all of its space")
@@ -301,8 +289,8 @@ class Procedure:
         if there and (gap <= self.plan.near or late):
             self._next()  # late: as near as it gets, for the points needn't be exact
             return
-        self._lack = self._unseen() or ("" if self._elapsed < self._span() else "the hand isn't still at the point")
-        if self._elapsed >= self._span() + 2.0 * self.plan.patience:
+        self._lack = self._unseen() or ("" if self._elapsed() < self._span() else "the hand isn't still at the point")
+        if self._elapsed() >= self._span() + 2.0 * self.plan.patience:
             self._next()
 
     def _try(self) -> None:
@@ -312,13 +300,13 @@ class Procedure:
             middle = self._hand[slow].mean(axis=0)
             slow[slow] = np.linalg.norm(self._hand[slow] - middle, axis=1) <= th.radius
         self._kept = int(slow.sum())
-        self._range = _extent(self._angles[slow])
+        self._range = _extent(self._columns[2][slow])
         self._lack = self._unseen()
         if not self._lack and self._kept < th.samples:
             self._lack = f"{self._kept} of {th.samples} samples kept: hold the hand stiller"
         elif not self._lack and self._range < th.range:
             self._lack = f"range {self._range:.2f} of {th.range} rad: move farther"
-        if (self._elapsed >= self._span() and not self._lack) or self._late():
+        if (self._elapsed() >= self._span() and not self._lack) or self._late():
             self._next()
 
     def _task(self, gap: Array) -> str:

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, cast, get_args
+from typing import Any, Final, cast, get_args
 
 import numpy as np
 from pydantic import Field
 
 from srl.commissioning.calibration.guided import Bar, View
+from srl.commissioning.calibration.guided import Procedure as Guided
 from srl.commissioning.calibration.intention import marks
 from srl.commissioning.calibration.intention.samples import Samples
 from srl.control.intention.features import POSTURE
@@ -79,17 +80,12 @@ class Step:
         return self.undone if number is None else marks.mark_of(self.turn, number)
 
 
-class Procedure:
-    """Goes from step to step as samples come; see the module's docstring.
-
-    Attributes:
-        step: the present step.
-    """
+class Procedure(Guided):
+    """Goes from step to step as samples come; see the module's docstring."""
 
     def __init__(self, actions: tuple[str, ...], plan: Plan | None = None, again: bool = False) -> None:
         """`again`: all was recorded before, and only what `redo` says is left to do."""
         self.actions, self.plan = actions, plan or Plan()
-        self._times, self._frames = np.empty(0), np.empty((0, POSTURE))
         self._states = ["done" if again else "waiting"] * len(actions)
         self._left: deque[Step] = deque()
         for turn in range(0 if again else self.plan.rounds):
@@ -99,19 +95,11 @@ class Procedure:
             self._left.append(Step(Kind.WALK, turn))
         self._next()
 
-    @property
-    def done(self) -> bool:
-        """Whether nothing is left to do."""
-        return self.step.kind is Kind.DONE
+    def _columns_of(self, samples: Samples, own: Any) -> tuple[Array, ...]:
+        return samples.times[own], samples.frames[own][:, :POSTURE]
 
-    def feed(self, samples: Samples) -> None:
-        """Takes new samples; those that bear another mark than the step's don't count."""
-        own = samples.marks == self.step.mark
-        if not own.any() or self.done:
-            return
-        self._times = np.concatenate([self._times, samples.times[own]])
-        self._frames = np.concatenate([self._frames, samples.frames[own][:, :POSTURE]])
-        lost = 1.0 - float(np.isfinite(self._frames).all(axis=1).mean())
+    def _fed(self) -> None:
+        lost = 1.0 - float(np.isfinite(self._columns[1]).all(axis=1).mean())
         self._lack = f"{lost:.0%} of the samples are missing" if lost > 1.0 - _SEEN else ""
         self._lost = lost
         if self.step.kind is Kind.ACTION and not self._lack and self._moved() < _MOVED:
@@ -173,8 +161,7 @@ class Procedure:
         return [Step(Kind.ACTION, turn, number), Step(Kind.PAUSE, turn, number)]
 
     def _next(self) -> None:
-        self.step = self._left.popleft() if self._left else Step(Kind.DONE)
-        self._times, self._frames = np.empty(0), np.empty((0, POSTURE))
+        self._begin(self._left.popleft() if self._left else Step(Kind.DONE))
         # An action that is ended before a sample has come isn't done.
         self._lack, self._lost = "nothing was seen" if self.step.kind is Kind.ACTION else "", 0.0
         if self.step.kind is Kind.ACTION and not self._states[self.step.action].startswith("weak"):
@@ -188,9 +175,6 @@ class Procedure:
             waits = any(step.action == at and step.kind is Kind.ACTION for step in self._left)
             self._states[at] = "waiting" if waits else "done"
 
-    def _elapsed(self) -> float:
-        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
-
     def _span(self) -> float:
         """s that the step takes at best."""
         plan = self.plan
@@ -200,7 +184,10 @@ class Procedure:
 
     def _moved(self) -> float:
         """The largest range of a number that describes the posture."""
-        seen: Array = self._frames[np.isfinite(self._frames).all(axis=1)]
+        if not self._columns:
+            return 0.0
+        frames = self._columns[1]
+        seen: Array = frames[np.isfinite(frames).all(axis=1)]
         return float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
 
     def _task(self) -> str:

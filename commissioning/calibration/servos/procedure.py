@@ -9,14 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from math import degrees
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from srl.commissioning.calibration.guided import Bar, View
+from srl.commissioning.calibration.guided import Procedure as Guided
 from srl.commissioning.calibration.servos import samples as marks
 from srl.commissioning.calibration.servos.fit import HornFit, ServoError, horn_fit, refusals
 from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig, angles
+from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Drive, Instruction, Rest
 
 _TURNS: Final = 100.0  # rad, beyond which nobody has said how far the servo goes
@@ -55,12 +57,8 @@ class Step:
         return self.joint - 1 if self.kind in (Kind.MOVE, Kind.HOME) else None
 
 
-class Procedure:
-    """Goes from step to step as samples come, and as the person says that a joint is where it should be.
-
-    Attributes:
-        step: the present step.
-    """
+class Procedure(Guided):
+    """Goes from step to step as samples come, and as the person says that a joint is where it should be."""
 
     def __init__(self, options: ServoMarksConfig, before: Mapping[int, tuple[float, float] | None] | None) -> None:
         """
@@ -99,15 +97,6 @@ class Procedure:
         else:
             self._begin(Step(Kind.MOVE, self._open[0]) if self._open else Step(Kind.DONE))
 
-    def _begin(self, step: Step) -> None:
-        self.step = step
-        self._times, self._angles = np.empty(0), np.empty(0)
-
-    @property
-    def done(self) -> bool:
-        """Whether nothing is left to do."""
-        return self.step.kind is Kind.DONE
-
     @property
     def aim(self) -> float | None:
         """rad, the entry's angle of the joint's home; None: the present step isn't about it."""
@@ -126,19 +115,20 @@ class Procedure:
             self.options.measures, self._thresholds.apart,
         )  # fmt: skip
 
-    def feed(self, samples: Samples) -> None:
-        """Takes new samples; those that bear another mark than the step's don't count."""
-        own = samples.marks == self.step.mark
-        if not own.any() or self.done:
-            return
-        self._at = samples.angles[own][-1]
-        if self.step.kind is Kind.LEAVE:
+    def _columns_of(self, samples: Samples, own: Any) -> tuple[Array, ...]:
+        return samples.times[own], samples.angles[own]
+
+    @property
+    def _angles(self) -> Array:
+        """(T,) rad, of the present joint."""
+        return self._columns[1][:, self.step.joint - 1]
+
+    def _fed(self) -> None:
+        self._at = self._columns[1][-1]
+        step, elapsed = self.step, self._elapsed()
+        if step.kind is Kind.LEAVE:
             self._next()
-            return
-        self._times = np.concatenate([self._times, samples.times[own]])
-        self._angles = np.concatenate([self._angles, samples.angles[own, self.step.joint - 1]])
-        step, elapsed = self.step, self._times[-1] - self._times[0]
-        if step.kind is Kind.SETTLE and elapsed >= self.plan.settle:
+        elif step.kind is Kind.SETTLE and elapsed >= self.plan.settle:
             self._begin(Step(Kind.HOLD, step.joint, step.second))
         elif step.kind is Kind.HOLD and not np.ptp(self._angles) <= self._thresholds.steady:
             self._begin(Step(Kind.SETTLE, step.joint, step.second))  # its samples are too few, so they don't count
@@ -275,8 +265,7 @@ class Procedure:
         share = min(max((self._at[i] - low) / (high - low), 0.0), 1.0) if high - low < _TURNS else None
         bars = [Bar(self._names[i], share, f"{self._at[i]:.3f} rad in the profile's own angle")]
         if step.kind is Kind.HOLD:
-            elapsed = self._times[-1] - self._times[0] if len(self._times) else 0.0
-            bars.append(Bar("held", min(elapsed / self.plan.hold, 1.0), ""))
+            bars.append(Bar("held", min(self._elapsed() / self.plan.hold, 1.0), ""))
         if step.kind is Kind.HOME:
             near = abs(self._to_go()) <= self._thresholds.home
             bars.append(Bar("to go", None, f"{self._to_go():+.3f} rad", near))

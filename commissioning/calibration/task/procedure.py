@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from srl.commissioning.calibration.guided import Bar, View
+from srl.commissioning.calibration.guided import Procedure as Guided
 from srl.commissioning.calibration.task import samples as marks
 from srl.commissioning.calibration.task.samples import Samples
 from srl.control.operation.demonstration import LONGEST
 from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction, Perform, Rest
 
 _MOVED = 0.05  # m from where it was first: the hand shows something
@@ -47,34 +50,23 @@ class Step:
         return {Kind.STAND: marks.STILL, Kind.SHOW: marks.SHOWN, Kind.DONE: marks.IDLE}[self.kind]
 
 
-class Procedure:
-    """Goes from step to step as samples come.
-
-    Attributes:
-        step: the present step.
-    """
+class Procedure(Guided):
+    """Goes from step to step as samples come."""
 
     def __init__(self, plan: Plan | None = None, again: bool = False) -> None:
         """`again`: it was shown before; nothing is left to do until `redo` says so."""
         self.plan = plan or Plan()
-        self._begin(Kind.DONE if again else Kind.STAND)
+        self._begin(Step(Kind.DONE if again else Kind.STAND))
 
-    def _begin(self, kind: Kind) -> None:
-        self.step = Step(kind)
-        self._times, self._hand = np.empty(0), np.empty((0, 3))
+    def _columns_of(self, samples: Samples, own: Any) -> tuple[Array, ...]:
+        return samples.times[own], samples.hand[own]
 
     @property
-    def done(self) -> bool:
-        """Whether nothing is left to do."""
-        return self.step.kind is Kind.DONE
+    def _hand(self) -> Array:
+        """(T, 3) m."""
+        return self._columns[1] if self._columns else np.empty((0, 3))
 
-    def feed(self, samples: Samples) -> None:
-        """Takes new samples; those that bear another mark than the step's don't count."""
-        own = samples.marks == self.step.mark
-        if not own.any() or self.done:
-            return
-        self._times = np.concatenate([self._times, samples.times[own]])
-        self._hand = np.concatenate([self._hand, samples.hand[own]])
+    def _fed(self) -> None:
         if self.step.kind is Kind.STAND:
             if self._rests(self.plan.stand):
                 self.go_on()
@@ -88,7 +80,7 @@ class Procedure:
     def go_on(self) -> str:
         """Ends the present step as it is. Returns "": that can always be."""
         if not self.done:
-            self._begin(Kind.SHOW if self.step.kind is Kind.STAND else Kind.DONE)
+            self._begin(Step(Kind.SHOW if self.step.kind is Kind.STAND else Kind.DONE))
         return ""
 
     def skip(self) -> str:
@@ -99,7 +91,7 @@ class Procedure:
         """Shows the task again. Returns why that can't be; "" if it could."""
         if number != 1:
             return "there is one task, number 1"
-        self._begin(Kind.STAND)
+        self._begin(Step(Kind.STAND))
         return ""
 
     def view(self) -> View:
@@ -118,9 +110,6 @@ class Procedure:
             self.step, words[self.step.kind], lack, missing, ("done" if self.done else "now",),
             (Bar("step", progress, self.step.kind.value),), "tasks",
         )  # fmt: skip
-
-    def _elapsed(self) -> float:
-        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
 
     def _moved(self) -> bool:
         seen = self._hand[np.isfinite(self._hand).all(axis=1)]
