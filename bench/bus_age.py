@@ -54,7 +54,7 @@ def run(rate: int) -> list[Row]:
                     works.ages()
                 time.sleep(BLOCK)
                 rows = reader.take(1 << 20)
-                cycle = (layout.word(rows, "write") - layout.word(rows, "wake")) / 1e3
+                cycle = (layout.header(rows, "write") - layout.header(rows, "wake")) / 1e3
                 found = {"cycle": float(np.median(cycle)), "cycle99": float(np.percentile(cycle, 99))}
                 if works is not None:
                     ages = works.ages()

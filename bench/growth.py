@@ -159,7 +159,7 @@ class _System:
         """How many commands each limb was sent, at least; none may have been lost or stopped."""
         if self._cycle.machine.state is not State.ACTIVE:
             raise RuntimeError(f"{len(self.devices)} limbs have stopped: {self._messages[-3:]}")
-        return min(device.words.item(DEVICE.commands) for device in self.devices)
+        return min(device.header.item(DEVICE.commands) for device in self.devices)
 
     def step(self) -> list[int]:
         """One cycle; returns the ns of each of PHASES."""

@@ -44,4 +44,4 @@ def _active(folder: RunFolder) -> bool:
     if not (folder.layout.exists() and folder.rows.exists()):
         return False
     newest = RingReader(folder.rows).newest()
-    return newest is not None and int(Layout.load(folder.layout).word(newest, "state")) == State.ACTIVE
+    return newest is not None and int(Layout.load(folder.layout).header(newest, "state")) == State.ACTIVE

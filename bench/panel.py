@@ -50,7 +50,7 @@ def _at(rate: int) -> list[Row]:
                 reader.take(1 << 20)
                 time.sleep(BLOCK)
                 rows = reader.take(1 << 20)
-                wake, written = (layout.word(rows, word) for word in ("wake", "write"))
+                wake, written = (layout.header(rows, word) for word in ("wake", "write"))
                 cycle = (written - wake) / 1e3
                 late = np.maximum(np.diff(wake) / 1e3 - 1e6 / rate, 0.0)
                 found = np.median(cycle), np.percentile(cycle, 99), np.percentile(late, 99)

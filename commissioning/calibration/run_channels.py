@@ -69,19 +69,19 @@ class RunChannels(ABC):
 
     def active(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(k,) whether the run was active in each of rows (k, width)."""
-        found: NDArray[np.bool_] = self.layout.word(rows, "state") == int(State.ACTIVE)
+        found: NDArray[np.bool_] = self.layout.header(rows, "state") == int(State.ACTIVE)
         return found
 
     def _there(self, rows: NDArray[np.int64], device: str) -> NDArray[np.bool_]:
         """(k,) whether a device is there and fresh in each of rows (k, width)."""
-        link = self.layout.word(rows, f"{device}.link")
+        link = self.layout.header(rows, f"{device}.link")
         bad = LINK_STALE | LINK_ERROR | LINK_FAULT
         found: NDArray[np.bool_] = (link & (LINK_CONNECTED | bad)) == LINK_CONNECTED
         return found
 
     def times(self, rows: NDArray[np.int64]) -> Array:
         """(k,) s, of rows (k, width)."""
-        found: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
+        found: Array = self.layout.header(rows, "now").astype(np.float64) * 1e-9
         return found
 
     @property
@@ -109,17 +109,17 @@ class RunChannels(ABC):
         """
         if not self.lost(row):
             return False
-        links = [int(self.layout.word(row, f"{device}.link")) for device in self.layout.devices]
+        links = [int(self.layout.header(row, f"{device}.link")) for device in self.layout.devices]
         return all(link & LINK_CONNECTED and not link & (LINK_STALE | LINK_ERROR | LINK_FAULT) for link in links)
 
     def lost(self, row: NDArray[np.int64]) -> bool:
         """Whether the run is stopped by the loss of a device, and by nothing else."""
-        state, cause, latched = (int(self.layout.word(row, name)) for name in ("state", "cause", "latches"))
+        state, cause, latched = (int(self.layout.header(row, name)) for name in ("state", "cause", "latches"))
         return state == State.STOPPED and cause == Cause.INTENT_LOSS and not latched & ~Latch.FAULT
 
     def date(self, rows: NDArray[np.int64]) -> datetime.date:
         """The day of the first row, UTC."""
-        wall = int(self.layout.word(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
+        wall = int(self.layout.header(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
         return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
 
 

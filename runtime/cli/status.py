@@ -33,10 +33,10 @@ class Status:
         """The messages that follow carry this state as fields of the journal."""
         if summary.row is None:
             return
-        cause = Cause(summary.word("cause"))
+        cause = Cause(summary.header("cause"))
         self._console.fields = {
             "SRL_INSTANCE": str(summary.layout.meta["name"]),
-            "SRL_CYCLE": str(summary.word("cycle")),
+            "SRL_CYCLE": str(summary.header("cycle")),
             "SRL_STATE": summary.state.name.lower(),
             "SRL_CAUSE": cause.name.lower(),
         }
@@ -83,10 +83,10 @@ class Status:
 
 def _line(summary: Summary) -> str:
     seconds, wall = summary.seconds()
-    cause = Cause(summary.word("cause"))
-    fault_source = summary.layout.fault_source(cause, summary.word("fault_source"))
+    cause = Cause(summary.header("cause"))
+    fault_source = summary.layout.fault_source(cause, summary.header("fault_source"))
     why = f" ({cause.name.lower()} {fault_source})".replace(" )", ")") if cause else ""
-    if latched := latches.names(summary.word("latches")):
+    if latched := latches.names(summary.header("latches")):
         why += f" latched: {', '.join(latched)}"
     devices = "  ".join(
         f"{name} {d['state']}" + (f" {d['age_ms']:.0f} ms" if d["age_ms"] is not None else "")
@@ -96,7 +96,7 @@ def _line(summary: Summary) -> str:
     p50, p99 = (summary.cycle.percentile(share) / 1e3 for share in (0.5, 0.99))
     return (
         f"{summary.state.name:<8}{why} {seconds:7.1f} s{factor}  cycle {p50:.0f} us (p99 {p99:.0f})  "
-        f"overruns {summary.word('overruns')}  {devices}"
+        f"overruns {summary.header('overruns')}  {devices}"
     )
 
 

@@ -63,10 +63,10 @@ class Channels:
 
     def values(self, layout: Layout, rows: Words) -> Array:
         """The values of rows (k, width): (k, channels), in the channels' units; NaN where a signal has no value."""
-        own = [layout.word(rows, name)[:, None].astype(float) for name in OWN]
-        now = layout.word(rows, "now")
+        own = [layout.header(rows, name)[:, None].astype(float) for name in OWN]
+        now = layout.header(rows, "now")
         for device in self.devices:
-            stamp = layout.word(rows, f"{device}.stamp")
+            stamp = layout.header(rows, f"{device}.stamp")
             own.append(np.where(stamp >= 0, (now - stamp) / 1e9, np.nan)[:, None])
         picked = [pick(layout, rows, reference, PLACE).reshape(len(rows), -1) for reference in self.references]
         return np.hstack([*own, *picked])

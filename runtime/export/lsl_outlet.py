@@ -93,7 +93,7 @@ class Outlet:
             return
         # In a simulation as fast as it goes `now` is simulated time, which no other stream of a lab has.
         clock = "control" if layout.meta.get("unpaced") else "now"
-        stamps = layout.word(rows, clock) / 1e9
+        stamps = layout.header(rows, clock) / 1e9
         self._stream.push_chunk(self._channels.values(layout, rows), stamps.tolist())
         self.sent += len(rows)
 

@@ -75,7 +75,7 @@ def write(recording: Recording, target: Path) -> Report:
         writer = mcap.Writer(file)
         writer.start("ros2", f"srl-runtime {__version__}")
         channels = _Channels(writer)
-        first = int(layout.word(recording.rows[0], "now")) + wall
+        first = int(layout.header(recording.rows[0], "now")) + wall
         writer.add_attachment(first, first, "layout.json", "application/json", layout.text.encode())
         metadata = {"name": str(layout.meta.get("name", "")), "missing": json.dumps(recording.missing)}
         writer.add_metadata("srl", metadata)
@@ -86,7 +86,7 @@ def write(recording: Recording, target: Path) -> Report:
         moving = channels.add("/tf", TRANSFORMS, {}) if measured else None
         for at in range(0, len(recording.rows), ROWS):
             rows, sequence = recording.rows[at : at + ROWS], recording.sequence[at : at + ROWS].tolist()
-            stamps = layout.word(rows, "now") + wall
+            stamps = layout.header(rows, "now") + wall
             blocks: list[tuple[int, Payloads]] = [(channel, make(rows, stamps)) for channel, make in sources]
             if moving is not None:
                 blocks.append((moving, list(_transforms(layout, measured, rows, stamps))))

@@ -31,7 +31,7 @@ def write(recording: Recording, target: Path) -> Report:
     with whole_file(target) as part, pq.ParquetWriter(part, schema, compression="zstd", use_dictionary=False) as writer:
         for at in range(0, len(recording.rows), ROWS):
             rows = recording.rows[at : at + ROWS]
-            times = (layout.word(rows, "now") + wall).astype("datetime64[ns]")
+            times = (layout.header(rows, "now") + wall).astype("datetime64[ns]")
             columns = [pa.array(recording.sequence[at : at + ROWS]), pa.array(times).cast(schema.field("time").type)]
             for i in range(layout.width):
                 words = np.ascontiguousarray(rows[:, i])

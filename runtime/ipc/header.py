@@ -1,7 +1,7 @@
-"""The int64 words of a row: their places by name, and the meaning of their numbers.
+"""The header fields of a row (int64): their places by name, and the meaning of their numbers.
 
-`CYCLE.now` is the place of the word `now` among a row's words. `DEVICE.link` is the place of the word `link`
-among the words of one device (`srl.runtime.ipc.row.Row.devices`, `srl.runtime.ipc.layout.Layout.device`).
+`CYCLE.now` is the place of the field `now` in a row's header. `DEVICE.link` is the place of the field `link`
+among those of one device (`srl.runtime.ipc.row.Row.devices`, `srl.runtime.ipc.layout.Layout.device`).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import Final, NamedTuple
 
 
 class CycleHeader(NamedTuple):
-    """Words of the cycle itself.
+    """Header fields of the cycle itself.
 
     Times are in ns: `now` on the loop's clock; `deadline`, `wake` and the ends of the phases on
     CLOCK_MONOTONIC; `log` is the time it took to append the previous row. `request` to `request_result` and
     `request_origin` describe the request that this cycle took. `refused` counts all requests refused so far.
-    New words are added at the end: a recording says which of them it has.
+    New fields are added at the end: a recording says which of them it has.
     """
 
     cycle: int

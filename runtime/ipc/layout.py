@@ -107,10 +107,10 @@ class Layout:
         self.fields[name] = Field(name, role, self.floats, shape, unit, **rest)
         return self.fields[name]
 
-    def word(self, rows: NDArray[np.int64], name: str) -> NDArray[np.int64]:
-        """The word `name` ("cycle", "glove.stamp") of rows shaped (k, width) or (width,)."""
-        word: NDArray[np.int64] = rows[..., self.int_names.index(name)]
-        return word
+    def header(self, rows: NDArray[np.int64], name: str) -> NDArray[np.int64]:
+        """The header field `name` ("cycle", "glove.stamp") of rows shaped (k, width) or (width,)."""
+        field: NDArray[np.int64] = rows[..., self.int_names.index(name)]
+        return field
 
     def value(self, rows: NDArray[np.int64], name: str) -> Array:
         """The signal `name` of rows shaped (k, width) or (width,): (k, *shape) or (*shape,) float64."""

@@ -61,7 +61,7 @@ class Rows:
         self._look(now)
         rows = self._ring.take()
         if len(rows):
-            cycles = self.layout.word(rows, "cycle")
+            cycles = self.layout.header(rows, "cycle")
             if cycles[0] <= self._cycle or np.any(np.diff(cycles) <= 0):
                 self.generation += 1  # the same files, written on by a new loop
             self._cycle, self.last = int(cycles[-1]), rows[-1]
@@ -75,7 +75,7 @@ class Rows:
     @property
     def stamp(self) -> float:
         """CLOCK_MONOTONIC s at which the laws of the newest row's cycle had ended; 0 before the first row."""
-        return 0.0 if self.last is None else int(self.layout.word(self.last, "control")) / 1e9
+        return 0.0 if self.last is None else int(self.layout.header(self.last, "control")) / 1e9
 
     def condition(self, now: float) -> tuple[Condition, str]:
         """The condition, and the words for people; empty if it is live. `now`: CLOCK_MONOTONIC s."""
@@ -86,11 +86,11 @@ class Rows:
             return Condition.ENDED, "The run is over"
         if now - self.stamp > self._silence:
             return Condition.SILENT, "The system gives no data"
-        state = State(int(self.layout.word(row, "state")))
+        state = State(int(self.layout.header(row, "state")))
         if state in _WAITS:
             return Condition.STOPPED, f"The limb {_WAITS[state]}"
         if state is not State.ACTIVE:
-            cause = Cause(int(self.layout.word(row, "cause"))).name.lower().replace("_", " ")
+            cause = Cause(int(self.layout.header(row, "cause"))).name.lower().replace("_", " ")
             return Condition.STOPPED, f"The limb is stopped ({cause})"
         for index, name in enumerate(self.layout.devices):
             link = int(row[self.layout.device(index)][DEVICE.link])

@@ -31,7 +31,7 @@ from srl.runtime.profile.graph import Actuator
 RETRY = 0.5  # s between attempts to open a lost device
 REPORT_EVERY = 1_000_000_000  # ns between two events about samples that aren't taken
 SILENT = 2_000_000_000  # ns that an active device may take for its first command
-_HEALTH = DEVICE.commands  # number of words that `Health` gives
+_HEALTH = DEVICE.commands  # number of header fields that `Health` gives
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
 _COMMANDS = DEVICE.commands
 
@@ -45,23 +45,23 @@ class Device:
     Attributes:
         driver: the driver.
         actuators: its commands, as the guard bounds them; empty for a sensor.
-        words: (7,) int64, its words in the row (`DEVICE`).
+        header: (7,) int64, its header fields in the row (`DEVICE`).
         lost: True while the device is lost.
         framed: whether its driver has stop frames at all.
         on_loss, on_return: called in the loop's thread.
     """
 
     def __init__(
-        self, driver: Driver, words: NDArray[np.int64], actuators: list[Actuator], report: Callable[[str], None]
+        self, driver: Driver, header: NDArray[np.int64], actuators: list[Actuator], report: Callable[[str], None]
     ) -> None:
         """`report` takes the text of an event. The other arguments are described above."""
-        self.driver, self.words, self.actuators = driver, words, actuators
+        self.driver, self.header, self.actuators = driver, header, actuators
         self.lost = False
         self.on_loss: Callable[[Device], None] = lambda device: None
         self.on_return: Callable[[Device], None] = lambda device: None
-        self.words[DEVICE.stamp] = -1
-        # Writes the health's words: a quarter of the time of numpy's.
-        self._tell = partial(Struct(f"{_HEALTH}q").pack_into, words.data.cast("B"), 0)
+        self.header[DEVICE.stamp] = -1
+        # Writes the health's fields: a quarter of the time of numpy's.
+        self._tell = partial(Struct(f"{_HEALTH}q").pack_into, header.data.cast("B"), 0)
         # What the arrays of `sent_arrays` hold while nothing has left.
         self._nothing = [np.full(a.command.shape, nan).tobytes() for a in actuators]
         self._leave = [  # in C: what left goes into the row, and the driver's array is cleared
@@ -88,7 +88,7 @@ class Device:
     @property
     def active(self) -> bool:
         """True while commands are sent to the device."""
-        return bool(self.words.item(DEVICE.link) & LINK_ACTIVE)
+        return bool(self.header.item(DEVICE.link) & LINK_ACTIVE)
 
     def watch(self) -> None:
         """Starts the thread that reopens the device. Call it before the loop: starting a thread takes milliseconds."""
@@ -117,7 +117,7 @@ class Device:
             if not self.lost and self.driver.health.stamp not in (-1, self._left):
                 self._left = -1
                 self._judge(now)
-        health, words = self.driver.health, self.words
+        health, words = self.driver.health, self.header
         link = words.item(DEVICE.link) & _KEPT
         # The row shows a return one cycle late, so that every loss is seen, however short.
         if not was_lost and not self.lost and health.connected:
@@ -202,7 +202,7 @@ class Device:
             found.fill(nan)
             left = True
         if left:
-            self.words[_COMMANDS] += 1
+            self.header[_COMMANDS] += 1
 
     def _await_first(self, now: int) -> None:
         """Refuses a driver that is active and reports no command as sent: its limb would never move, or unseen."""

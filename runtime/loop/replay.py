@@ -103,9 +103,9 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
     """
     if not len(rows):
         raise RecordingError(place, "the recording has no rows", "Record a run first")
-    if int(layout.word(rows[0], "cycle")) != 0:
+    if int(layout.header(rows[0], "cycle")) != 0:
         raise RecordingError(
-            place, f"the recording begins at cycle {int(layout.word(rows[0], 'cycle'))}, not at the start of the run",
+            place, f"the recording begins at cycle {int(layout.header(rows[0], 'cycle'))}, not at the start of the run",
             "A replay needs the whole run: give the recording rather than a black box",
         )  # fmt: skip
     layout.needs(place, "label", "profile", "overrides", "simulated", "limits", "automatic", "versions", "blas")

@@ -65,7 +65,7 @@ def draw(
         for t, row, shape in zip(times, rows, shapes, strict=True):
             axis.clear()
             axis.axis("off")
-            late = "" if int(recording.layout.word(row, "state")) == State.ACTIVE else ", no law runs"
+            late = "" if int(recording.layout.header(row, "state")) == State.ACTIVE else ", no law runs"
             axis.set_title(f"{title(recording)}, {t:.1f} s{late}", fontsize=9)
             scene.paint(axis, shape, middle, reach)
             figure.canvas.draw()

@@ -134,8 +134,8 @@ def draw(
         for i, (row, shape) in enumerate(zip(rows, shapes, strict=True)):
             axis = axes.flat[i]
             letter = f"({chr(97 + i)}) " if len(rows) > 1 and i < 26 else ""
-            cycle = int(recording.layout.word(row, "cycle"))
-            state = int(recording.layout.word(row, "state"))
+            cycle = int(recording.layout.header(row, "cycle"))
+            state = int(recording.layout.header(row, "state"))
             late = "" if state == State.ACTIVE else ", no law runs"
             axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}{late}", fontsize=8)
             scene.paint(axis, shape, middles[i], reach)

@@ -144,7 +144,7 @@ class Scene:
 
     def thin(self, sequence: Words, rows: Words) -> Thinned:
         """The rows that are drawn, of rows (k, width) with their numbers, which must follow those of the last call."""
-        now = self._layout.word(rows, "now")
+        now = self._layout.header(rows, "now")
         bins = np.floor_divide(now, int(1e9 / VIEW_RATE))
         ends = np.append(np.flatnonzero(np.diff(bins)), len(rows) - 1)
         starts = np.append(0, ends[:-1] + 1)
@@ -182,7 +182,7 @@ class Scene:
         """Sends the changes of state and cause in rows (k, width), which must follow those of the last call."""
         columns = self._sender(recording)
         for word, names in (("state", State), ("cause", Cause)):
-            values = self._layout.word(rows, word)
+            values = self._layout.header(rows, word)
             before = np.append(self._state.get(word, -1), values[:-1])
             changed = np.flatnonzero(values != before)
             self._state[word] = int(values[-1])
@@ -201,7 +201,7 @@ class Scene:
 
     def _timing(self, rows: Words) -> dict[str, NDArray[np.float64]]:
         """Durations by entity path, (k, n): us for the phases, ms for the others."""
-        word = {name: self._layout.word(rows, name) for name in ("now", "wake", *PHASES)}
+        word = {name: self._layout.header(rows, name) for name in ("now", "wake", *PHASES)}
         before = np.append(self._wake, word["wake"][:-1])
         period = np.where(before > 0, (word["wake"] - before) / 1e6, np.nan)  # the first row has none
         self._wake = int(word["wake"][-1])
@@ -213,7 +213,7 @@ class Scene:
             "/loop/timing/phases": phases / 1e3,
         }
         if self._layout.devices:
-            stamps = np.stack([self._layout.word(rows, f"{d}.stamp") for d in self._layout.devices], axis=1)
+            stamps = np.stack([self._layout.header(rows, f"{d}.stamp") for d in self._layout.devices], axis=1)
             ages = (word["now"][:, None] - stamps) / 1e6
             timing["/loop/timing/ages"] = np.where(stamps < 0, np.nan, ages)
         return timing

@@ -114,7 +114,7 @@ class Stream:
         """Sends events. Each appears at the time of its cycle's row, or of the newest row before it."""
         if not events:
             return
-        cycles = self.layout.word(self._newest, "cycle")
+        cycles = self.layout.header(self._newest, "cycle")
         at = np.searchsorted(cycles, [n.cycle for n in events], side="right") - 1
         _, time = self._columns.times(self._newest[np.clip(at, 0, len(cycles) - 1)])
         exact = {

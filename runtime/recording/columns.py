@@ -69,9 +69,9 @@ class Columns:
 
     def times(self, rows: Words) -> list[rr.TimeColumn]:
         """The timelines for people, `cycle` and `time`, of rows (k, width)."""
-        stamps = self.layout.word(rows, "now") + self._wall
+        stamps = self.layout.header(rows, "now") + self._wall
         return [
-            rr.TimeColumn("cycle", sequence=self.layout.word(rows, "cycle")),
+            rr.TimeColumn("cycle", sequence=self.layout.header(rows, "cycle")),
             rr.TimeColumn("time", timestamp=stamps.astype("datetime64[ns]")),
         ]
 
@@ -84,7 +84,7 @@ class Columns:
 
         The rows must follow those of the last call.
         """
-        bins = np.floor_divide(self.layout.word(rows, "now"), int(1e9 / DRAWN))
+        bins = np.floor_divide(self.layout.header(rows, "now"), int(1e9 / DRAWN))
         new = bins != np.append(self._bin, bins[:-1])
         self._bin = int(bins[-1])
         if new.any():

@@ -43,7 +43,7 @@ class Recording:
 
     def int(self, name: str) -> Words:
         """The word `name` of every row, (k,)."""
-        return self.layout.word(self.rows, name)
+        return self.layout.header(self.rows, name)
 
     def states(self, device: str) -> list[Field]:
         """The signals that a device gave; none for a device that doesn't exist or gives none."""

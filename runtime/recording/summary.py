@@ -199,7 +199,7 @@ class _Sum:
         """Takes rows (k, width) with their sequence numbers (k,)."""
         if not len(rows):
             return
-        now, states, causes, sources = (self._layout.word(rows, w) for w in ("now", "state", "cause", "fault_source"))
+        now, states, causes, sources = (self._layout.header(rows, w) for w in ("now", "state", "cause", "fault_source"))
         self._first = self._first if self.rows else int(now[0])
         self._last = int(now[-1])
         self._missing += int(sequence[-1]) - self._sequence - len(sequence)

@@ -83,55 +83,55 @@ class Summary:
             self.row = rows[-1]
         self.cycles = self.ring.sequence
 
-    def word(self, name: str) -> int:
-        """An int64 word of the newest row."""
+    def header(self, name: str) -> int:
+        """A header field of the newest row."""
         return 0 if self.row is None else int(self.row[self.index[name]])
 
     @property
     def state(self) -> State:
         """The newest row's state."""
-        return State(self.word("state"))
+        return State(self.header("state"))
 
     def seconds(self) -> tuple[float, float]:
         """How long the run has lasted, s: (on the loop's clock, in wall time)."""
         if self._first is None:
             return 0.0, 0.0
-        return (self.word("now") - self._first[0]) / 1e9, (self.word("wake") - self._first[1]) / 1e9
+        return (self.header("now") - self._first[0]) / 1e9, (self.header("wake") - self._first[1]) / 1e9
 
     def devices(self) -> dict[str, dict[str, Any]]:
         """Each device's health according to the newest row."""
         found = {}
         for name in self.layout.devices:
-            stamp, link = self.word(f"{name}.stamp"), self.word(f"{name}.link")
+            stamp, link = self.header(f"{name}.stamp"), self.header(f"{name}.link")
             state = "lost" if not link & LINK_CONNECTED else "stale" if link & LINK_STALE else "ok"
             if stamp < 0 and state == "ok" and name in self.layout.setpoint_owners:
                 state = "awaited"  # no client has sent a setpoint yet
             found[name] = {
                 "state": state,
-                "age_ms": None if stamp < 0 else round((self.word("now") - stamp) / 1e6, 3),
-                "frames": self.word(f"{name}.frames"),
-                "errors": self.word(f"{name}.errors"),
-                "resyncs": self.word(f"{name}.resyncs"),
-                "reconnects": self.word(f"{name}.reconnects"),
-                "commands": self.word(f"{name}.commands"),
+                "age_ms": None if stamp < 0 else round((self.header("now") - stamp) / 1e6, 3),
+                "frames": self.header(f"{name}.frames"),
+                "errors": self.header(f"{name}.errors"),
+                "resyncs": self.header(f"{name}.resyncs"),
+                "reconnects": self.header(f"{name}.reconnects"),
+                "commands": self.header(f"{name}.commands"),
             }
         return found
 
     def metrics(self) -> dict[str, Any]:
         """The summary object, without the data that only the supervisor has."""
         duration, wall = self.seconds()
-        cause = Cause(self.word("cause"))
+        cause = Cause(self.header("cause"))
         return {
             "profile": self.layout.meta["name"],
             "state": self.state.name.lower(),
             "cause": cause.name.lower(),
-            "fault_source": self.layout.fault_source(cause, self.word("fault_source")),
-            "latches": latches.names(self.word("latches")),
-            "refused": self.word("refused"),
+            "fault_source": self.layout.fault_source(cause, self.header("fault_source")),
+            "latches": latches.names(self.header("latches")),
+            "refused": self.header("refused"),
             "cycles": self.cycles,
             "rate_hz": round((self.cycles - 1) / duration, 3) if duration > 0 else None,
             "duration_s": round(duration, 4),
-            "overruns": self.word("overruns"),
+            "overruns": self.header("overruns"),
             "degraded_cycles": self.degraded,
             "period_us": self.period.metrics(),
             "cycle_us": self.cycle.metrics(),

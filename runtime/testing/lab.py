@@ -248,7 +248,7 @@ class Lab:
 
     def _link(self, device: str) -> int:
         self._device(device)
-        return int(self.layout.word(self._newest(), f"{device}.link"))
+        return int(self.layout.header(self._newest(), f"{device}.link"))
 
     @property
     def rows(self) -> NDArray[np.int64]:

@@ -34,7 +34,7 @@ class Simulated:
 
     def states(self) -> list[State]:
         """The state of the state machine in every cycle."""
-        return [State(int(state)) for state in self.layout.word(self.rows, "state")]
+        return [State(int(state)) for state in self.layout.header(self.rows, "state")]
 
 
 def simulate(given: Given, seconds: float) -> Simulated:

@@ -134,7 +134,7 @@ class LiveRun:
         self.take()
         return np.concatenate(self._rows)
 
-    def word(self, place: int) -> int:
+    def header(self, place: int) -> int:
         """A word of the newest row."""
         self.take()
         return int(self._rows[-1][-1, place])
@@ -142,7 +142,7 @@ class LiveRun:
     @property
     def cycles(self) -> int:
         """Of the newest row."""
-        return self.word(CYCLE.cycle)
+        return self.header(CYCLE.cycle)
 
     def children(self) -> dict[str, int]:
         """Process ids, by "loop", "bus", "recorder"."""

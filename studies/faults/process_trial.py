@@ -64,12 +64,12 @@ def _refused(run: LiveRun, fault: ProcessFault) -> dict[str, Value]:
 
 
 def _break(run: LiveRun, fault: ProcessFault, rng: np.random.Generator, given: Mapping[str, Any]) -> dict[str, Value]:
-    children, before = run.children(), run.word(CYCLE.state)
+    children, before = run.children(), run.header(CYCLE.state)
     at, begun = run.cycles, time.monotonic()
     fault.make(run, rng)
     safe: float | None = None
     if fault.due == ENDS:
-        run.until(lambda: run.word(CYCLE.state) == State.ENDED, "the run's end")
+        run.until(lambda: run.header(CYCLE.state) == State.ENDED, "the run's end")
         safe = time.monotonic() - begun
     elif fault.due != DIES:
         if run.process.poll() is None:

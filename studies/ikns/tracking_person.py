@@ -116,7 +116,7 @@ def _rows(found: ScreenTrial, run: people.Run) -> Any:
         while len(parts[-1]):
             parts.append(ring.take())
     rows = np.concatenate(parts)
-    t = run.layout.word(rows, "control") * 1e-9 - found.began
+    t = run.layout.header(rows, "control") * 1e-9 - found.began
     return rows[(t >= 0.0) & (t <= SECONDS)]
 
 

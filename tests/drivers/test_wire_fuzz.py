@@ -122,9 +122,9 @@ def test_nothing_on_a_wire_is_an_error_of_the_driver_or_an_absurd_value(kind: st
                     left -= 1
                     bench.run(CYCLE)
                     device.read(bench.now)
-                    assert not device.words.item(WORD.link) & LINK_ERROR, events[-1]
+                    assert not device.header.item(WORD.link) & LINK_ERROR, events[-1]
                     assert not absurd(driver)
-                    assert device.words.item(WORD.stamp) <= bench.now
+                    assert device.header.item(WORD.stamp) <= bench.now
             except DeviceError:
                 pass  # it was lost while it was opened
             finally:

@@ -22,7 +22,7 @@ def test_states_requests_and_parameters(tmp_path: Path) -> None:
         run.until(run.run_folder.bus_socket.exists, "the bus")
         with connect(run.run_folder) as client:
             run.until(client.alive, "the liveliness token")
-            run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+            run.until(lambda: run.header("state") == State.ACTIVE, "motion")
             assert client.status()["state"] == "active"
             seen = {}
             for update in client.states(timeout=3.0):
@@ -33,9 +33,9 @@ def test_states_requests_and_parameters(tmp_path: Path) -> None:
             with pytest.raises(RequestError, match="start"):  # it is active already
                 client.command("start")
             assert client.command("stop")["ok"] is True
-            run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+            run.until(lambda: run.header("state") == State.STOPPED, "the stop")
             assert client.command("reset")["ok"] is True
-            run.until(lambda: run.word("state") == State.ACTIVE, "motion again")
+            run.until(lambda: run.header("state") == State.ACTIVE, "motion again")
             name, parameter = next(iter(client.parameters().items()))
             assert client.set_param(name, parameter["lower"])["ok"] is True
             assert client.get_param(name)["value"] == parameter["lower"]
@@ -65,7 +65,7 @@ def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> N
         run.until(run.run_folder.bus_socket.exists, "the bus")
         with connect(run.run_folder) as client:
             run.until(client.alive, "the liveliness token")
-            run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+            run.until(lambda: run.header("state") == State.ACTIVE, "motion")
             goal = [0.2, 0.3, 0.6, 0.4]
             for bad in ([float("nan"), 0.0, 0.0, 0.0], [float("inf")] * 4, [0.1, 0.2]):
                 with pytest.raises(RequestError, match=r"client[./]position"):
@@ -77,18 +77,18 @@ def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> N
             assert applied == pytest.approx(goal, abs=1e-3)
             # The client falls silent: a loss of intent. Clients may not end a fault's stop. A reset on this machine is
             # granted, and nothing old is obeyed.
-            run.until(lambda: run.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
-            run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+            run.until(lambda: run.header("cause") == Cause.INTENT_LOSS, "the loss of intent")
+            run.until(lambda: run.header("state") == State.STOPPED, "the stop")
             with pytest.raises(RequestError, match=r"may not release what stands \(fault\)"):
                 client.command("reset")
             call(tmp_path, "reset", "finger-jog")
             time.sleep(0.3)  # in which it could stop again
-            assert run.word("state") == State.ACTIVE
+            assert run.header("state") == State.ACTIVE
             _stream(client, [0.0, 0.7, 0.5, 0.5], 1.0)
         # The supervisor's own word that the bus died is no person's stop, though it comes the same way.
         os.kill(run.children()["bus"], signal.SIGKILL)
-        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
-        assert (run.word("cause"), run.word("latches")) == (Cause.BUS_LOSS, Latch.FAULT)
+        run.until(lambda: run.header("state") == State.STOPPED, "the stop")
+        assert (run.header("cause"), run.header("latches")) == (Cause.BUS_LOSS, Latch.FAULT)
 
 
 def _stream(client: Client, goal: list[float], seconds: float) -> None:

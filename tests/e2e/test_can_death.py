@@ -79,13 +79,13 @@ def test_every_motor_of_the_bus_is_stopped(tmp_path: Path, name: str) -> None:
         }))  # fmt: skip
         with Running(tmp_path, str(profile), instance="limb") as run:
             run.started()
-            run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+            run.until(lambda: run.header("state") == State.ACTIVE, "motion")
 
             def moves() -> bool:
-                if run.word("state") == State.STOPPED:  # a busy machine: the motors' thread was late
+                if run.header("state") == State.STOPPED:  # a busy machine: the motors' thread was late
                     call(tmp_path, "reset", "limb", code=None)
                 swing = np.ptp([q for _, q, _ in live.felt[-3000:]], axis=0).min()
-                return bool(swing > 0.1) and run.word("state") == State.ACTIVE
+                return bool(swing > 0.1) and run.header("state") == State.ACTIVE
 
             run.until(moves, "it goes to and fro")
             loop = run.children()["loop"]

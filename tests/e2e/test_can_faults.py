@@ -149,17 +149,17 @@ def test_what_a_fault_does_to_the_wearer(limb: Any, tmp_path: Path, name: str) -
         run.started()
 
         def moves() -> bool:
-            if run.word("state") == State.STOPPED:  # a busy machine: the motors' thread was late
+            if run.header("state") == State.STOPPED:  # a busy machine: the motors' thread was late
                 call(tmp_path, "reset", "limb", code=None)
             rows = live.felt[-2000:]
-            return run.word("state") == State.ACTIVE and bool(np.ptp([q for _, q, _ in rows], axis=0).min() > 0.05)
+            return run.header("state") == State.ACTIVE and bool(np.ptp([q for _, q, _ in rows], axis=0).min() > 0.05)
 
         run.until(moves, "it goes to and fro")
         if fault is nothing:
             (tmp_path / "broken").touch()
         onset = live.do(lambda: fault(twin))
         until(lambda: live.felt[-1][0] > onset + AFTER)
-        state = State(run.word("state"))
+        state = State(run.header("state"))
         run.process.terminate()
         run.finish(code=None)
     felt = [row for row in live.felt if onset - 0.005 < row[0] <= onset + AFTER]

@@ -64,14 +64,14 @@ def _answers(run: Running) -> bool:
 def test_a_killed_supervisor_takes_the_limb_into_its_stop(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60") as run:
         run.started()
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         children = run.children()
         reader = run.reader
         os.kill(run.process.pid, signal.SIGKILL)
         run.process.wait()
         until(lambda: reader.closed, what="the loop's own end")
-        assert run.word("state") == State.ENDED
-        assert run.word("cause") == Cause.REQUEST
+        assert run.header("state") == State.ENDED
+        assert run.header("cause") == Cause.REQUEST
         until(lambda: not any(alive(pid) for pid in children.values()), what="the end of all it started")
 
 
@@ -131,15 +131,15 @@ def test_when_everything_is_killed_at_once_every_row_that_was_taken_is_there(
 def test_stop_reset_and_start_reach_the_loop(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--set", "bus=null") as run:
         run.started()
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         assert send_note(run.run_folder, "old.rrd was deleted")
         events = EventReader(run.run_folder.events)
         run.until(lambda: any(event.text == "old.rrd was deleted" for event in events.take()), "the note's event")
         assert "stopp" in call(tmp_path, "stop").stdout
-        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+        run.until(lambda: run.header("state") == State.STOPPED, "the stop")
         assert call(tmp_path, "start", code=2).stderr  # not ready but stopped: refused, with the reason
         call(tmp_path, "reset", "sixth-finger")
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion again")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion again")
         call(tmp_path, "stop", "--exit")
         found = run.finish()
     assert (found["state"], found["cause"]) == ("ended", "request")
@@ -159,7 +159,7 @@ def test_a_bus_that_hangs_doesnt_hold_up_the_end(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--record", "x.rrd") as run:
         run.started()
         run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         os.kill(run.children()["bus"], signal.SIGSTOP)
         run.process.send_signal(signal.SIGTERM)
         found = run.finish()  # within 60 s; the recorder alone may take 120

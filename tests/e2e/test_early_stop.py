@@ -22,7 +22,7 @@ def test_a_stop_during_the_start_is_a_stop(tmp_path: Path) -> None:
         answered = output.stdout in ("sixth-finger: stopped\n", "sixth-finger: stopping\n")
         assert answered or "use the hardware stop" in output.stderr.lower()
         run.started()
-        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
-        assert run.word("latches") == Latch.PERSON
+        run.until(lambda: run.header("state") == State.STOPPED, "the stop")
+        assert run.header("latches") == Latch.PERSON
         call(tmp_path, "stop", "--exit")
         assert run.finish()["latches"] == ["person"]

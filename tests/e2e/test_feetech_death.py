@@ -70,7 +70,7 @@ def test_the_loop_is_killed(tmp_path: Path, twin: FeetechTwin, stop: str) -> Non
     profile = write(tmp_path, stop, twin.address)
     with Running(tmp_path, str(profile), "--confirm", instance="bench-servos") as run:
         run.started()
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         until(lambda: twin.servos[0].get("goal_position") > 2100, what="a motion")
         loop, seen = run.children()["loop"], dict(twin.seen)
         os.kill(loop, signal.SIGKILL)

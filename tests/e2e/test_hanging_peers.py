@@ -85,11 +85,11 @@ def until_moving(run: Running, client: Client, peer: Peer, case: Case) -> None:
     begin = moved(peer, case)
 
     def ask() -> None:
-        if run.word("state") != State.ACTIVE:
+        if run.header("state") != State.ACTIVE:
             send_request(run.run_folder, "reset")  # refused while the device is away or recovers
 
     until(
-        lambda: run.word("state") == State.ACTIVE and np.abs(moved(peer, case) - begin).max() >= 0.05,
+        lambda: run.header("state") == State.ACTIVE and np.abs(moved(peer, case) - begin).max() >= 0.05,
         ask,
         what=lambda: f"motion; {client.status()}",
         timeout=40.0,
@@ -114,9 +114,9 @@ def test_no_burst_no_old_sample_a_safe_stop_and_a_recovery(tmp_path: Path, case:
             run.reader.take()
             peer.stop()
             stopped = time.monotonic_ns()
-            run.until(lambda: run.word("state") in (State.STOPPING, State.STOPPED), "the stop")
+            run.until(lambda: run.header("state") in (State.STOPPING, State.STOPPED), "the stop")
             seen = time.monotonic_ns() - stopped
-            assert run.word("cause") in case.causes
+            assert run.header("cause") in case.causes
             time.sleep(max(0.0, HANG - (time.monotonic_ns() - stopped) * 1e-9))
             rows = run.reader.take()
             peer.cont()
@@ -127,7 +127,7 @@ def test_no_burst_no_old_sample_a_safe_stop_and_a_recovery(tmp_path: Path, case:
                 time.sleep(0.02)
             went = np.abs(np.array(path) - first).max()
             # No sample from before is taken for a fresh one: the stamps stand still while the peer does.
-            now, stamp = run.layout.word(rows, "now"), run.layout.word(rows, f"{name}.stamp")
+            now, stamp = run.layout.header(rows, "now"), run.layout.header(rows, f"{name}.stamp")
             hung = now > stopped + 200_000_000
             assert hung.sum() > 50
             assert stamp[hung].max() <= stopped + 100_000_000

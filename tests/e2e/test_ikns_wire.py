@@ -71,7 +71,7 @@ def wired(folder: Path, name: str, max_age: float) -> Iterator[tuple[TwinProcess
         arguments = (*twins.run[1:], "--record", "x.rrd", "--set", f"devices.mocap.max_age={max_age}")
         with Running(folder, *arguments, instance="ikns-finger") as run:
             run.started()
-            run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+            run.until(lambda: run.header("state") == State.ACTIVE, "motion")
             yield twins, run
 
 
@@ -89,7 +89,7 @@ def fakes(name: str, seconds: float, *names: str) -> list[Array]:
 
 def in_motion(recording: Recording, name: str) -> Array:
     """A signal (cycles, elements) in the cycles in which the limb was active, without the first ones."""
-    active = recording.layout.word(recording.rows, "state") == State.ACTIVE
+    active = recording.layout.header(recording.rows, "state") == State.ACTIVE
     values = recording.layout.value(recording.rows, name)[active][SETTLED:]
     return values.reshape(len(values), -1)
 
@@ -122,7 +122,7 @@ def test_the_wire_gives_the_path_of_the_fakes(dynamixel: bool, tmp_path: Path) -
     assert gap.max() < 0.005
 
     # The finger moves with the loop, from when it was active until it was stopped.
-    now, states = recording.layout.word(recording.rows, "now"), recording.layout.word(recording.rows, "state")
+    now, states = recording.layout.header(recording.rows, "now"), recording.layout.header(recording.rows, "state")
     active = now[states == State.ACTIVE]
     rows = np.flatnonzero((log["now_ns"] > active[0] + 2e9) & (log["now_ns"] < active[-1]))
     moved, off = log["world.finger_position"][rows], np.empty(len(rows))
@@ -146,27 +146,29 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
 
         run.until(lambda: run.reader.head > 200 and speed() > 0.15, "the finger in motion")
         twins.control(f"{fault} mocap")
-        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+        run.until(lambda: run.header("state") == State.STOPPED, "the stop")
         assert call(tmp_path, "reset", code=2).stderr.count("still there") == 1
         twins.control(("open" if fault == "close" else "unmute") + " mocap")
-        run.until(lambda: run.word("mocap.link") & LINK_STALE == 0 and run.word("mocap.link") & 1 == 1, "the cameras")
+        run.until(
+            lambda: run.header("mocap.link") & LINK_STALE == 0 and run.header("mocap.link") & 1 == 1, "the cameras"
+        )
         mark = run.reader.head
         run.until(lambda: run.reader.head > mark + 50, "half a second in which it could move")
-        assert run.word("state") == State.STOPPED, "it must not move by itself"
+        assert run.header("state") == State.STOPPED, "it must not move by itself"
 
         def reset() -> None:  # refused if the twin is held up just then
             call(tmp_path, "reset", code=None)
 
-        until(lambda: run.word("state") == State.ACTIVE, reset, what="motion again")
+        until(lambda: run.header("state") == State.ACTIVE, reset, what="motion again")
         call(tmp_path, "stop", "--exit")
         found = run.finish(code=None)
     assert found["devices"]["mocap"]["reconnects"] == (1 if fault == "close" else 0)
     assert "intent_loss mocap" in run.stderr
     recording = read(tmp_path / "x.rrd")
     layout, rows = recording.layout, recording.rows
-    states, now = layout.word(rows, "state"), layout.word(rows, "now")
-    first = int(np.flatnonzero(layout.word(rows, "cause") == Cause.INTENT_LOSS)[0])
-    age = (now - layout.word(rows, "mocap.stamp")) / 1e9
+    states, now = layout.header(rows, "state"), layout.header(rows, "now")
+    first = int(np.flatnonzero(layout.header(rows, "cause") == Cause.INTENT_LOSS)[0])
+    age = (now - layout.header(rows, "mocap.stamp")) / 1e9
     print(f"{fault}: stopping {age[first] * 1e3:.0f} ms after the last sample")
     assert age[first - 1] <= SHORT, "it stops in the first cycle that finds the sample stale"
     again = first + int(np.flatnonzero(states[first:] == State.ACTIVE)[0])
@@ -175,9 +177,9 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
     # The finger brakes within the guard's limits, holds, and goes on without a step.
     stopped = first + int(np.flatnonzero(states[first:] == State.STOPPED)[0])
     assert np.ptp(applied[stopped:again], axis=0).max() == 0.0
-    velocity = np.diff(applied, axis=0) / (layout.word(rows, "dt")[1:, None] * 1e-9)
+    velocity = np.diff(applied, axis=0) / (layout.header(rows, "dt")[1:, None] * 1e-9)
     begun = int(np.flatnonzero(states == State.ACTIVE)[0])  # before, `applied` follows what the servos report
     # On a machine so busy that the servos' link stalls, a guard begins anew at what was sent.
-    anew = layout.word(rows, "flags")[1:] & FLAG_RESYNCHRONISED != 0
+    anew = layout.header(rows, "flags")[1:] & FLAG_RESYNCHRONISED != 0
     assert np.abs(velocity[begun:][~anew[begun:]]).max() <= 4.0 * (1 + 1e-6)
     assert np.abs(np.diff(velocity[first - 50 :], axis=0)).max() <= 40.0 * 0.010 * 2.05

@@ -63,11 +63,11 @@ def insist(run: Running, client: Client, seconds: float) -> tuple[np.ndarray[Any
 
 def assert_still(run: Running, rows: np.ndarray[Any, Any], asked: int, command: str, after: str) -> None:
     motion = np.ptp(run.layout.value(rows, f"{command}.applied"), axis=0).max()
-    print(f"after {after}: {asked} requests, {run.word('refused')} refused; {command} moved by {motion:g}")
+    print(f"after {after}: {asked} requests, {run.header('refused')} refused; {command} moved by {motion:g}")
     assert run.reader.lost == 0
     assert not set(rows[:, CYCLE.state].tolist()) & set(MOVING)
     assert motion == 0
-    assert run.word("refused") >= asked  # every refusal is in the rows
+    assert run.header("refused") >= asked  # every refusal is in the rows
 
 
 @pytest.mark.sampled(1)
@@ -81,18 +81,18 @@ def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str) ->
         run.started()
         run.until(run.run_folder.bus_socket.exists, "the bus")
         with connect(run.run_folder) as client, streaming(run, 4) as streamed:
-            run.until(lambda: run.word("client.frames") > 20, "setpoints")
+            run.until(lambda: run.header("client.frames") > 20, "setpoints")
             if what == "fault":
                 streamed.set()
             elif what == "local stop":
                 call(tmp_path, "stop")
-            run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+            run.until(lambda: run.header("state") == State.STOPPED, "the stop")
             assert client.status()["latches"] == [{"local stop": "person", "e-stop": "emergency"}.get(what, what)]
             rows, asked = insist(run, client, LESS)
             assert_still(run, rows, asked, "finger.position_command", what)
             call(tmp_path, "reset")
             if what != "e-stop":  # a reset forgets the setpoints, so this one stops again
-                run.until(lambda: run.word("state") == State.ACTIVE, "motion after a local reset")
+                run.until(lambda: run.header("state") == State.ACTIVE, "motion after a local reset")
             call(tmp_path, "stop", "--exit")
         assert run.finish(code=None)["refused"] >= asked
     # The machine's decisions about all of them are the same in a replay.
@@ -110,10 +110,10 @@ def test_latches_of_real_actuators_outlive_their_run(tmp_path: Path) -> None:
 
     def reset(run: Running) -> None:
         def ask() -> None:
-            if run.word("state") != State.ACTIVE:
+            if run.header("state") != State.ACTIVE:
                 call(tmp_path, "reset", code=None)
 
-        until(lambda: run.word("state") == State.ACTIVE, ask, what="motion after a local reset")
+        until(lambda: run.header("state") == State.ACTIVE, ask, what="motion after a local reset")
 
     with peer_of("servo-jog") as peer:
         arguments = ("servo-jog", "--set", f"devices.{name}.port={peer.address}", "--confirm")
@@ -131,7 +131,7 @@ def test_latches_of_real_actuators_outlive_their_run(tmp_path: Path) -> None:
             run.finish(code=1)
         # A clean end of a run that nobody reset keeps the latch.
         with begin() as run:
-            assert run.word("state") == State.STOPPED
+            assert run.header("state") == State.STOPPED
             call(tmp_path, "stop", "--exit")
             assert "restart" in run.finish()["latches"]
         with begin() as run, connect(run.run_folder) as client:
@@ -145,7 +145,7 @@ def test_latches_of_real_actuators_outlive_their_run(tmp_path: Path) -> None:
             run.finish(code=None)
         assert kept() >= {"person", "bus"}
         with begin() as run:
-            assert run.word("state") == State.STOPPED
+            assert run.header("state") == State.STOPPED
             reset(run)
             run.until(lambda: kept() == {"restart"}, "the file")
             call(tmp_path, "stop", "--exit")

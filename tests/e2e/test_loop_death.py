@@ -37,7 +37,7 @@ def run(tmp_path: Path, board: ScriptedBoard) -> Iterator[Running]:
     arguments = ("finger-jog", "--confirm", "--set", f"devices.finger.port={board.port}")
     with Running(tmp_path, *arguments, instance="finger-jog") as running:
         running.started()
-        running.until(lambda: running.word("state") == State.ACTIVE, "motion")
+        running.until(lambda: running.header("state") == State.ACTIVE, "motion")
         running.until(lambda: pulses(board, 0) >= SERVOS, "the first pulses")
         yield running
 

@@ -58,8 +58,8 @@ def test_the_summary_says_what_happened(run: dict[str, object]) -> None:
 
 def test_every_cycle_is_in_the_recording(run: dict[str, int], recording: Recording) -> None:
     assert recording.missing == []
-    assert recording.layout.word(recording.rows, "cycle").tolist() == list(range(run["cycles"]))
-    assert (np.diff(recording.layout.word(recording.rows, "now")) == 10_000_000).all()
+    assert recording.layout.header(recording.rows, "cycle").tolist() == list(range(run["cycles"]))
+    assert (np.diff(recording.layout.header(recording.rows, "now")) == 10_000_000).all()
 
 
 def test_the_finger_closes_with_the_hand(recording: Recording) -> None:
@@ -82,7 +82,7 @@ def test_the_physics_follows_what_was_applied_not_its_echo(recording: Recording)
 
 def test_commands_stay_within_the_guards_limits(recording: Recording) -> None:
     applied = recording.layout.value(recording.rows, "finger.position_command.applied")
-    started = int(np.argmax(recording.layout.word(recording.rows, "state") == State.ACTIVE))
+    started = int(np.argmax(recording.layout.header(recording.rows, "state") == State.ACTIVE))
     velocity = np.diff(applied[started:], axis=0) * 100
     assert np.abs(velocity).max() <= 4.0 + 1e-6
     assert (

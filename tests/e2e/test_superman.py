@@ -202,7 +202,7 @@ def test_a_blocked_tip_presses_no_harder_than_hand_and_leash(tmp_path: Path, bod
 
     found, recording = run(tmp_path, changed(tmp_path, body.profile, change), 7.0)
     force = np.abs(recording.value("world.table_contact_force")[:, 2])
-    dt = 1e-9 * np.median(recording.layout.word(recording.rows, "dt"))
+    dt = 1e-9 * np.median(recording.layout.header(recording.rows, "dt"))
     assert force.max() > 5.0, "it never touched"
     # Before it the arm's mass lands: MOCA's slowest mode has 4.6 rad/s.
     pressed = force[np.flatnonzero(force > 5.0)[0] + round(0.3 / dt) :]
@@ -231,10 +231,10 @@ def test_a_closed_gripper_that_hits_a_table_stops_kairos(tmp_path: Path) -> None
 
     found, recording = run(tmp_path, changed(tmp_path, "kairos-man", change), 7.0, code=1)
     force = np.abs(recording.value("world.table_contact_force")[:, 2])
-    dt = 1e-9 * float(np.median(recording.layout.word(recording.rows, "dt")))
+    dt = 1e-9 * float(np.median(recording.layout.header(recording.rows, "dt")))
     touched = np.flatnonzero(force > 1.0)
     first = int(touched[touched * dt > 2.5][0])
-    states = recording.layout.word(recording.rows, "state")
+    states = recording.layout.header(recording.rows, "state")
     stop = first + int(np.flatnonzero(states[first:] != State.ACTIVE)[0])
     late = 1e3 * (stop - first) * dt
     print(f"stop {late:.0f} ms after the touch, force then {force[stop]:.0f} N, largest {force[first:].max():.0f} N")

@@ -131,7 +131,7 @@ def test_the_path_is_that_of_the_fakes(tmp_path: Path, hand: Path, twin_run: tup
 
 def _active(recording: Recording, name: str) -> np.ndarray:
     """A signal in the cycles in which the limb was active."""
-    active = recording.layout.word(recording.rows, "state") == State.ACTIVE
+    active = recording.layout.header(recording.rows, "state") == State.ACTIVE
     return recording.layout.value(recording.rows, name)[active]
 
 
@@ -162,23 +162,25 @@ def test_a_glove_that_falls_out_in_motion(fault: str, tmp_path: Path) -> None:
         Running(tmp_path, *twins.run_arguments(), "--duration", "60", "--record", "x.rrd") as run,
     ):
         run.started()
-        run.until(lambda: run.word("state") == State.ACTIVE and run.reader.head > 250, "two seconds of motion")
+        run.until(lambda: run.header("state") == State.ACTIVE and run.reader.head > 250, "two seconds of motion")
         twins.do(f"{fault} glove")
-        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+        run.until(lambda: run.header("state") == State.STOPPED, "the stop")
         assert call(tmp_path, "reset", code=2).stderr.count("still there") == 1
         twins.do(("open" if fault == "close" else "unmute") + " glove")
-        run.until(lambda: run.word("glove.link") & LINK_STALE == 0 and run.word("glove.link") & 1, "the glove again")
+        run.until(
+            lambda: run.header("glove.link") & LINK_STALE == 0 and run.header("glove.link") & 1, "the glove again"
+        )
         time.sleep(0.3)  # in which it could move
-        assert run.word("state") == State.STOPPED, "it must not move by itself"
+        assert run.header("state") == State.STOPPED, "it must not move by itself"
         call(tmp_path, "reset")
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion again")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion again")
         mark = run.reader.head
         run.until(lambda: run.reader.head > mark + 100, "a second of motion")
         call(tmp_path, "stop", "--exit")
         found = run.finish()
     assert found["devices"]["glove"]["reconnects"] == (1 if fault == "close" else 0)
     recording = read(tmp_path / "x.rrd")
-    word = lambda name: recording.layout.word(recording.rows, name)  # noqa: E731
+    word = lambda name: recording.layout.header(recording.rows, name)  # noqa: E731
     first = int(np.flatnonzero(word("cause") == Cause.INTENT_LOSS)[0])
     age = (word("now") - word("glove.stamp")) / 1e9
     print(f"{fault}: stopping {age[first] * 1e3:.1f} ms after the last sample")
@@ -189,8 +191,8 @@ def test_a_glove_that_falls_out_in_motion(fault: str, tmp_path: Path) -> None:
 def _assert_no_step(recording: Recording) -> None:
     """Applied commands keep the profile's velocity and acceleration, over the stop and the reset."""
     applied = recording.layout.value(recording.rows, "finger.position_command.applied")
-    dt = recording.layout.word(recording.rows, "dt")[1:, None] * 1e-9
-    begun = int(np.flatnonzero(recording.layout.word(recording.rows, "state") == State.ACTIVE)[0])
+    dt = recording.layout.header(recording.rows, "dt")[1:, None] * 1e-9
+    begun = int(np.flatnonzero(recording.layout.header(recording.rows, "state") == State.ACTIVE)[0])
     velocity = (np.diff(applied, axis=0) / dt)[begun:]
     assert np.abs(velocity).max() <= 4.0 * (1 + 1e-6)
     assert np.abs(np.diff(velocity, axis=0)).max() <= 40.0 * 0.010 * 2.05
@@ -203,7 +205,7 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
     with Twins(tmp_path, "--log", "log.npz", "--wearer", str(waving)) as twins:
         with Running(tmp_path, *twins.run_arguments(), "--duration", "60") as run:
             run.started()
-            run.until(lambda: run.word("state") == State.ACTIVE and run.reader.head > 250, "two seconds of motion")
+            run.until(lambda: run.header("state") == State.ACTIVE and run.reader.head > 250, "two seconds of motion")
             pid = run.children()["loop"]
             moving = np.abs(run.layout.value(run.reader.take()[-30:], "finger.position_command.velocity")).max()
             assert moving > 0.1
@@ -238,11 +240,11 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
     # The next run on real devices begins in the stop.
     with Twins(tmp_path) as twins, Running(tmp_path, *twins.run_arguments(), "--duration", "60") as run:
         run.started()
-        assert (run.word("state"), run.word("cause")) == (State.STOPPED, Cause.RESTART)
-        run.until(lambda: run.word("glove.stamp") > 0, "the glove's first sample")
-        run.until(lambda: run.word("glove.link") & LINK_STALE == 0, "the glove's freshness")
+        assert (run.header("state"), run.header("cause")) == (State.STOPPED, Cause.RESTART)
+        run.until(lambda: run.header("glove.stamp") > 0, "the glove's first sample")
+        run.until(lambda: run.header("glove.link") & LINK_STALE == 0, "the glove's freshness")
         call(tmp_path, "reset")
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion after the reset")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion after the reset")
         call(tmp_path, "stop", "--exit")
         run.finish()
 
@@ -254,10 +256,10 @@ def test_without_a_confirmation_nothing_moves(tmp_path: Path) -> None:
         with Running(tmp_path, *arguments, "--duration", "60") as run:
             run.started()
             time.sleep(1.5)  # in which it could move
-            assert run.word("state") == State.READY
+            assert run.header("state") == State.READY
             call(tmp_path, "start")
-            run.until(lambda: run.word("state") == State.ACTIVE, "motion")
-            begun = run.word("now")
+            run.until(lambda: run.header("state") == State.ACTIVE, "motion")
+            begun = run.header("now")
             call(tmp_path, "stop", "--exit")
             run.finish()
             assert "home" in run.stderr

@@ -124,7 +124,7 @@ def test_a_cut_cable_stops_the_limb_and_nothing_old_moves_it(
         # Both hosts have the same CLOCK_MONOTONIC here: no sample is given out for newer than it is.
         assert late[:, 1].min() >= 0
         assert late[:, 1].max() < DELAY
-        assert (finger.word("glove.reconnects") >= 1) == (seconds > silence)
+        assert (finger.header("glove.reconnects") >= 1) == (seconds > silence)
 
 
 @contextlib.contextmanager
@@ -154,7 +154,7 @@ def both(hosts: Hosts, folder: Path, port: int, silence: float = 10.0) -> Iterat
         words = overrides(devices__glove=remote)
         with On(hosts.names[1], folder / "b", "sixth-finger", "--sim", "finger", *words) as finger:
             finger.started()
-            finger.until(lambda: finger.word("state") == State.ACTIVE, "motion")
+            finger.until(lambda: finger.header("state") == State.ACTIVE, "motion")
             some_rows(finger)
             yield glove, finger
 
@@ -175,28 +175,28 @@ def test_a_slow_network_makes_samples_old_and_no_jump(hosts: Hosts, tmp_path: Pa
             link.delay(delay, jitter)
             some_rows(finger, 200)
             begun.append(finger.reader.head)
-        assert finger.word("state") == State.ACTIVE  # nothing was older than `max_age`
+        assert finger.header("state") == State.ACTIVE  # nothing was older than `max_age`
         link.delay(0.5)
-        finger.until(lambda: finger.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
+        finger.until(lambda: finger.header("cause") == Cause.INTENT_LOSS, "the loss of intent")
         begun.append(finger.reader.head)
         link.delay(0.0)
-        finger.until(lambda: finger.word("state") == State.STOPPED, "the stop")
-        finger.until(lambda: not finger.word("glove.link") & LINK_STALE, "freshness")
+        finger.until(lambda: finger.header("state") == State.STOPPED, "the stop")
+        finger.until(lambda: not finger.header("glove.link") & LINK_STALE, "freshness")
         some_rows(finger)
-        assert finger.word("state") == State.STOPPED  # as long as nobody resets it
+        assert finger.header("state") == State.STOPPED  # as long as nobody resets it
         assert reset(hosts.names[1], tmp_path / "b").returncode == 0
-        finger.until(lambda: finger.word("state") == State.ACTIVE, "motion again")
+        finger.until(lambda: finger.header("state") == State.ACTIVE, "motion again")
         some_rows(finger, 50)
 
         rows = finger.reader.take()
         late = lateness(glove, finger, rows)
         assert late[:, 1].min() >= 0
         assert late[:, 1].max() < DELAY  # what waited in the network isn't given out for new
-        age = (rows[:, CYCLE.now] - finger.layout.word(rows, "glove.stamp")) * 1e-9
+        age = (rows[:, CYCLE.now] - finger.layout.header(rows, "glove.stamp")) * 1e-9
         plain, slow, jittery = (np.median(age[a:b]) for a, b in pairwise([0, *begun[:3]]))
         print(f"median age {plain:.3f} s, with 20 ms {slow:.3f}, with jitter {jittery:.3f}")
         assert plain + 0.015 < slow < jittery
-        stale = (finger.layout.word(rows, "glove.link") & LINK_STALE) != 0
+        stale = (finger.layout.header(rows, "glove.link") & LINK_STALE) != 0
         assert (stale == (age > Zenoh.max_age))[begun[0] :].all()
         with Bench("sixth-finger", [], 1) as bench:
             share, where = largest(finger.layout, rows, bench.graph, bench.guards)
@@ -207,10 +207,10 @@ def _cut_and_mended(hosts: Hosts, finger: Running, folder: Path, seconds: float)
     """Pulls the cable, puts it back, resets. When it was pulled and put back."""
     hosts.cable(False)
     cut = time.monotonic_ns()
-    finger.until(lambda: finger.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
-    assert finger.word("state") in (State.STOPPING, State.STOPPED)
+    finger.until(lambda: finger.header("cause") == Cause.INTENT_LOSS, "the loss of intent")
+    assert finger.header("state") in (State.STOPPING, State.STOPPED)
     time.sleep(seconds)  # unplugged
-    assert finger.word("glove.stamp") < cut + DELAY  # nothing is newer than the cut
+    assert finger.header("glove.stamp") < cut + DELAY  # nothing is newer than the cut
     if seconds:
         refused = reset(hosts.names[1], folder)
         assert refused.returncode == 2
@@ -218,12 +218,12 @@ def _cut_and_mended(hosts: Hosts, finger: Running, folder: Path, seconds: float)
 
     plugged = time.monotonic_ns()
     hosts.cable(True)
-    finger.until(lambda: finger.word("glove.stamp") > plugged, "new samples", timeout=60)
-    finger.until(lambda: not finger.word("glove.link") & LINK_STALE, "freshness")
-    assert finger.word("state") == State.STOPPED
+    finger.until(lambda: finger.header("glove.stamp") > plugged, "new samples", timeout=60)
+    finger.until(lambda: not finger.header("glove.link") & LINK_STALE, "freshness")
+    assert finger.header("state") == State.STOPPED
     granted = reset(hosts.names[1], folder)
     assert granted.returncode == 0, granted.stderr
-    finger.until(lambda: finger.word("state") == State.ACTIVE, "motion again")
+    finger.until(lambda: finger.header("state") == State.ACTIVE, "motion again")
     mark = finger.reader.head
     finger.until(lambda: finger.reader.head > mark + 50, "half a second of motion")
     return cut, plugged
@@ -235,14 +235,14 @@ def lateness(glove: Running, finger: Running, here: np.ndarray) -> np.ndarray:
     `here`: the finger's rows. Of two samples with the same values, the one that is nearer in time was meant.
     """
     there = glove.reader.take()
-    stamps = glove.layout.word(there, "glove.stamp").tolist()
+    stamps = glove.layout.header(there, "glove.stamp").tolist()
     values = glove.layout.value(there, "glove.position")
     taken: dict[bytes, list[int]] = {}
     for stamp, value in zip(stamps, values, strict=True):
         taken.setdefault(value.tobytes(), []).append(stamp)
     found = {}
     arrived = finger.layout.value(here, "glove.position")
-    for stamp, value in zip(finger.layout.word(here, "glove.stamp").tolist(), arrived, strict=True):
+    for stamp, value in zip(finger.layout.header(here, "glove.stamp").tolist(), arrived, strict=True):
         if stamp >= 0 and (sent := taken.get(value.tobytes())):  # the first samples don't count yet
             at = min(sent, key=lambda each: abs(stamp - each))
             found[at] = stamp - at

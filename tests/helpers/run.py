@@ -140,10 +140,10 @@ class Running:
             self._reader = RingReader(self.run_folder.rows)
         return self._reader
 
-    def word(self, name: str) -> int:
+    def header(self, name: str) -> int:
         """An int64 word of the newest row."""
         row = self.reader.newest()
-        return -1 if row is None else int(self.layout.word(row, name))
+        return -1 if row is None else int(self.layout.header(row, name))
 
     def children(self) -> dict[str, int]:
         """Process ids of loop, bus, recorder and viewer."""

@@ -228,5 +228,5 @@ class Bench:
     def rows(self) -> Any:
         return RingReader(self.run_folder.rows).take()
 
-    def word(self, name: str) -> Any:
-        return self.graph.layout.word(self.rows(), name)
+    def header(self, name: str) -> Any:
+        return self.graph.layout.header(self.rows(), name)

@@ -240,8 +240,8 @@ class UnderGuard:
         (actuator,) = self.graph.actuators
         got, wire.got = wire.got, []
         row = Row(
-            wire.now, self.state, int(ints[CYCLE.flags]), bool(device.words[DEVICE.link] & LINK_ACTIVE),
-            int(device.words[DEVICE.commands]), actuator.asked.copy(), actuator.applied.copy(), actuator.sent.copy(),
+            wire.now, self.state, int(ints[CYCLE.flags]), bool(device.header[DEVICE.link] & LINK_ACTIVE),
+            int(device.header[DEVICE.commands]), actuator.asked.copy(), actuator.applied.copy(), actuator.sent.copy(),
             None if actuator.measured is None else actuator.measured.copy(), got,
         )  # fmt: skip
         self.rows.append(row)

@@ -100,7 +100,7 @@ def test_the_row_and_an_event_say_that_the_arm_is_held_and_by_what(tmp_path: Pat
         disc.values["centre"][:] = (0.5, 0.0) if k < 250 else (9.0, 9.0)
 
     b.run(600, forward(b, script))
-    held = (b.word("flags") & FLAG_HELD) > 0
+    held = (b.header("flags") & FLAG_HELD) > 0
     margin = rows_of(b, "arm.command.margin")[:, 0]
     assert held[200:250].all()
     assert not held[251:].any()
@@ -133,10 +133,10 @@ def test_a_body_that_isn_t_seen_any_more_brings_the_arm_to_rest_and_is_no_fault(
     monkeypatch.setattr(device_module, "RETRY", 0.01)
     b.run(500, forward(b, script))
     sent = np.array(b.arm.sent)[:, 0]
-    assert (b.word("flags")[120:200] & FLAG_HELD).all()
+    assert (b.header("flags")[120:200] & FLAG_HELD).all()
     assert np.ptp(sent[140:199]) == 0
     assert sent[140] < 0.5
-    assert (b.word("state")[5:500] == State.ACTIVE).all()
+    assert (b.header("state")[5:500] == State.ACTIVE).all()
     assert any("the disc isn't seen" in event for event in b.events)
     assert sent[-1] == pytest.approx(1.0)
 
@@ -188,7 +188,7 @@ def test_what_a_law_gave_before_a_stop_is_not_believed_in_it(tmp_path: Path, mon
         sent = np.array(b.arm.sent)
         moved[centre] = float(abs(sent[-1] - sent[150]).max())
         if centre == "copy.q":
-            assert (b.word("flags")[130:500] & FLAG_HELD).all()
+            assert (b.header("flags")[130:500] & FLAG_HELD).all()
         else:
             assert sent[-1] == pytest.approx([0.7, 0.7])
     assert moved["copy.q"] == 0.0
@@ -211,7 +211,7 @@ def test_a_limb_that_goes_limp_may_be_anywhere_from_that_cycle_on(
             b.ask("stop")
 
     b.run(200, forward(b, script))
-    active = b.word("state")[:199] == State.ACTIVE
+    active = b.header("state")[:199] == State.ACTIVE
     assert (np.array(known[1:200]) == active)[10:].all()
 
 
@@ -227,7 +227,7 @@ def test_a_replay_finds_no_difference(tmp_path: Path) -> None:
             b.ask("reset")
 
     b.run(500, forward(b, script))
-    assert 20 < ((b.word("flags") & FLAG_HELD) > 0).sum() < 480
+    assert 20 < ((b.header("flags") & FLAG_HELD) > 0).sum() < 480
     found = replay(b.graph.layout, b.rows()[:-1], "test")  # the bench ends the last one by itself
     assert found.identical, found.signals
 
@@ -240,7 +240,7 @@ def test_an_error_in_a_clearance_holds_the_arm_and_is_told(tmp_path: Path, monke
             monkeypatch.setattr(PlanarClearance, "begin", lambda self, now, stamps: int("one"))
 
     b.run(300, forward(b, script))
-    assert (b.word("flags")[101:] & FLAG_HELD)[:-1].all()
+    assert (b.header("flags")[101:] & FLAG_HELD)[:-1].all()
     assert np.ptp(np.array(b.arm.sent)[150:], axis=0).max() == 0
     assert any("the clearance failed: ValueError" in event for event in b.events)
 

@@ -26,7 +26,7 @@ def test_a_stop_begins_in_the_cycle_of_its_fault(tmp_path: Path) -> None:
             b.panel.values["buttons"][2] = 1
 
     b.run(120, script)
-    state, sent = b.word("state"), np.array(b.arm.sent)[:, 0]
+    state, sent = b.header("state"), np.array(b.arm.sent)[:, 0]
     assert state[49] == State.ACTIVE
     assert state[50] in (State.STOPPING, State.STOPPED)
     assert abs(np.diff(sent)).max() <= SPEED * 0.01 * (1 + 1e-6)
@@ -42,9 +42,9 @@ def test_twenty_periods_missed_within_a_second_stop_the_limb_and_fewer_dont(tmp_
 
     b.run(620, script)
     assert {state for state, _ in b.states[5:602]} == {State.ACTIVE}
-    assert b.word("state")[601] in (State.STOPPING, State.STOPPED)
+    assert b.header("state")[601] in (State.STOPPING, State.STOPPED)
     assert b.states[-1] == (State.STOPPED, Cause.OVERRUN)
-    degraded = (b.word("flags") & FLAG_DEGRADED) > 0
+    degraded = (b.header("flags") & FLAG_DEGRADED) > 0
     assert degraded.tolist()[:32] == [False] * 30 + [True] * 2, "above five in a second telemetry is halved"
 
 
@@ -103,7 +103,7 @@ def test_a_device_that_refuses_to_move_stops_the_limb_and_recovers_only_when_tol
             b.ask("reset")
 
     b.run(100, script)
-    assert b.word("state")[30] in (State.STOPPING, State.STOPPED)
+    assert b.header("state")[30] in (State.STOPPING, State.STOPPED)
     assert b.states[50] == (State.STOPPED, Cause.DEVICE_FAULT)
     assert b.states[-1] == (State.ACTIVE, Cause.NONE)
     assert b.arm.recoveries == 1
@@ -114,7 +114,7 @@ def test_a_device_that_refuses_to_move_stops_the_limb_and_recovers_only_when_tol
 def test_a_stop_that_overtakes_a_reset_leaves_it_refused(tmp_path: Path) -> None:
     b = Bench(tmp_path)
     b.run(80, _stop_then_both(b))
-    assert (b.word("state")[45:] == State.STOPPED)[:-1].all()
+    assert (b.header("state")[45:] == State.STOPPED)[:-1].all()
 
 
 def _stop_then_both(b: Bench) -> Callable[[int], None]:
@@ -185,10 +185,10 @@ def test_an_emergency_input_that_is_no_number_stops_as_a_pressed_one(tmp_path: P
             b.ask("reset")
 
     b.run(100, script)
-    assert b.word("state")[50] in (State.STOPPING, State.STOPPED)
-    assert b.word("cause")[50] == Cause.EMERGENCY
+    assert b.header("state")[50] in (State.STOPPING, State.STOPPED)
+    assert b.header("cause")[50] == Cause.EMERGENCY
     assert b.states[85] == (State.STOPPED, Cause.EMERGENCY)
-    assert b.word("request_result")[70] == Answer.REFUSED_FAULT
+    assert b.header("request_result")[70] == Answer.REFUSED_FAULT
     assert b.states[-1][0] is State.ACTIVE
 
 

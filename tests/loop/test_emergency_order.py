@@ -62,4 +62,4 @@ def test_in_a_run_the_stop_of_the_first_stays_when_that_is_released(tmp_path: Pa
     b.run(80, script)
     assert seen[41:46] == ([(0, Stop.HOLD)] if earlier == 0 else [(1, Stop.LIMP)]) * 5
     assert set(seen[46:]) == {(0, Stop.HOLD)}
-    assert set(b.word("cause")[40:-1].tolist()) == {Cause.EMERGENCY}
+    assert set(b.header("cause")[40:-1].tolist()) == {Cause.EMERGENCY}

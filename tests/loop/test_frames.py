@@ -93,7 +93,7 @@ def test_a_frame_that_isnt_seen_stops_the_law_that_uses_it(tmp_path: Path, lost:
     b.run(200, move)
     faults = [s for s in b.states if s[0] in (State.STOPPING, State.STOPPED)]
     assert faults[0][1] is Cause.INTENT_LOSS
-    assert b.word("fault_source")[-1] == b.graph.layout.devices.index("panel")
+    assert b.header("fault_source")[-1] == b.graph.layout.devices.index("panel")
     stopped = [s for s, _ in b.states].index(faults[0][0])
     assert stopped <= (108 if lost == "silent" else 102)
     rows = b.rows()

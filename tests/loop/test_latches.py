@@ -72,9 +72,9 @@ def test_for_a_minute_no_client_at_full_speed_moves_the_limb(tmp_path: Path, wha
     assert len(b.arm.sent) <= started or not np.ptp(b.arm.sent[100:], axis=0).any()
     latch = {"local stop": "person", "e-stop": "emergency"}.get(what, what)
     rows = b.rows()
-    assert b.graph.layout.word(rows, "latches")[-2] == of_names([latch])
+    assert b.graph.layout.header(rows, "latches")[-2] == of_names([latch])
     # Every request that came is in the recording: those that took a cycle, and those for which there was no room.
-    refused = b.graph.layout.word(rows, "refused")
+    refused = b.graph.layout.header(rows, "refused")
     assert refused[-1] - refused[-1001] == 2 * 1000
     taken = rows[-1000:, [CYCLE.request_origin, CYCLE.request_result]]
     assert set(taken[:, 0]) == {Origin.BUS}
@@ -105,7 +105,7 @@ def test_a_persons_stop_latches_whatever_stopped_the_limb_before(tmp_path: Path,
     b.run(200, script)
     assert states(b)[82] is State.STOPPED
     assert not set(states(b)[82:]) & set(MOVING)
-    assert b.word("latches")[-2] & Latch.PERSON
+    assert b.header("latches")[-2] & Latch.PERSON
 
 
 @pytest.mark.parametrize("granted", [True, False])
@@ -121,9 +121,9 @@ def test_the_profile_says_whether_the_bus_may_end_a_faults_stop(tmp_path: Path, 
             client.send(RequestKind.STOP, EVER)
 
     b.run(140, script)
-    assert b.word("latches")[79] == Latch.FAULT
+    assert b.header("latches")[79] == Latch.FAULT
     assert (states(b)[90] is State.ACTIVE) == granted
-    assert b.word("latches")[110] == (Latch.BUS if granted else Latch.BUS | Latch.FAULT)
+    assert b.header("latches")[110] == (Latch.BUS if granted else Latch.BUS | Latch.FAULT)
     assert (states(b)[130] is State.ACTIVE) == granted
 
 
@@ -132,7 +132,7 @@ def test_a_local_reset_releases_every_latch(tmp_path: Path) -> None:
     b.run(60, lambda k: b.ask("reset") if k == 20 else None)
     assert states(b)[19] is State.STOPPED
     assert states(b)[-1] is State.ACTIVE
-    assert b.word("latches")[-2] == 0
+    assert b.header("latches")[-2] == 0
     assert any(event.startswith("reset (local, user ") for event in b.events)
 
 
@@ -147,8 +147,8 @@ def test_an_actuator_whose_power_is_cut_during_a_clients_stop_latches(tmp_path: 
             client.send(RequestKind.RESET if k == 80 else RequestKind.STOP, EVER)
 
     b.run(100, script)
-    assert b.word("latches")[45] == Latch.BUS
-    assert b.word("latches")[-2] == Latch.BUS | Latch.FAULT
+    assert b.header("latches")[45] == Latch.BUS
+    assert b.header("latches")[-2] == Latch.BUS | Latch.FAULT
     assert not set(states(b)) & set(MOVING)
 
 
@@ -164,7 +164,7 @@ def test_a_reset_that_waits_while_an_emergency_comes_and_goes_is_refused(tmp_pat
 
     b.run(80, script)
     assert not set(states(b)) & set(MOVING)
-    assert b.word("latches")[-2] == Latch.PERSON | Latch.EMERGENCY
+    assert b.header("latches")[-2] == Latch.PERSON | Latch.EMERGENCY
 
 
 def test_a_silent_client_hides_no_emergency_input_that_is_away(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_a_silent_client_hides_no_emergency_input_that_is_away(tmp_path: Path) -
     b.run(100, script)
     assert states(b)[55] is State.ACTIVE
     assert not set(states(b)[70:]) & set(MOVING)
-    assert b.word("request_result")[80] == Answer.REFUSED_FAULT
+    assert b.header("request_result")[80] == Answer.REFUSED_FAULT
 
 
 def test_after_a_reset_the_limb_waits_for_a_new_setpoint(tmp_path: Path) -> None:

@@ -32,12 +32,12 @@ def test_a_law_that_found_contact_or_lost_what_it_follows_stops_the_limb_until_a
             b.ask("reset")
 
     b.run(150, script)
-    assert b.word("state")[50] in (State.STOPPING, State.STOPPED)
-    assert b.word("cause")[50] == cause
+    assert b.header("state")[50] in (State.STOPPING, State.STOPPED)
+    assert b.header("cause")[50] == cause
     # Contact is the law's own word; what a law has lost is its sensor's.
-    assert layout.fault_source(cause, int(b.word("fault_source")[50])) == (law.name if word == "contact" else "hand")
+    assert layout.fault_source(cause, int(b.header("fault_source")[50])) == (law.name if word == "contact" else "hand")
     assert any(event in said for said in b.events)
-    assert b.word("state")[89] == State.STOPPED
+    assert b.header("state")[89] == State.STOPPED
     assert b.states[-1] == (State.ACTIVE, Cause.NONE)
     assert abs(np.diff(np.array(b.arm.sent)[:, 0])).max() <= SPEED * 0.01 * (1 + 1e-6)
 
@@ -70,7 +70,7 @@ def test_each_time_motion_begins_a_law_is_reset_once_before_its_first_cycle(
             b.ask("reset")
 
     b.run(150, script)
-    motions = "".join("u" if state == State.ACTIVE else " " for state in b.word("state")).split()
+    motions = "".join("u" if state == State.ACTIVE else " " for state in b.header("state")).split()
     assert len(motions) == 3
     # A cycle's end decides that the limb is active; its laws begin in the next one.
     assert reported == "".join(f"r{motion[1:]}" for motion in motions)

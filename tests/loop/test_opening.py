@@ -75,11 +75,11 @@ def test_a_recovery_that_failed_is_over_once_the_device_is_well() -> None:
     made.read(time.monotonic_ns())
     made.recover(0)
     made.read(time.monotonic_ns())
-    assert int(made.words[DEVICE.link]) & LINK_ERROR
+    assert int(made.header[DEVICE.link]) & LINK_ERROR
     assert any("failed to recover" in event for event in events)
     driver.health.fault = ""
     made.read(time.monotonic_ns())
-    assert not int(made.words[DEVICE.link]) & LINK_ERROR
+    assert not int(made.header[DEVICE.link]) & LINK_ERROR
 
 
 class Asked:
@@ -179,4 +179,4 @@ def test_a_driver_that_fails_to_give_its_stop_frame_or_its_descriptor_ends_no_lo
     assert found.fileno(0) is None
     assert ["failed to give its" in event for event in events] == [True, True]
     found.read(time.monotonic_ns())
-    assert found.words[DEVICE.link] & LINK_ERROR
+    assert found.header[DEVICE.link] & LINK_ERROR

@@ -22,7 +22,7 @@ def test_overruns_that_would_stop_the_limb_again_refuse_a_reset(tmp_path: Path) 
             b.ask("reset")
 
     b.run(160, script)
-    state, result = b.word("state"), b.word("request_result")
+    state, result = b.header("state"), b.header("request_result")
     assert result[50] == Answer.REFUSED_FAULT
     assert set(state[20:130].tolist()) <= {State.STOPPING, State.STOPPED}
     assert result[130] == Answer.DONE
@@ -37,7 +37,7 @@ def test_overruns_at_the_begin_are_waited_out(tmp_path: Path) -> None:
             b.loop.clock.tick.missed = 20
 
     b.run(160, script)
-    state = b.word("state")
+    state = b.header("state")
     started = int(np.flatnonzero(state != State.READY)[0])
     assert started > 90, "the window of a second"
     assert not set(state[started:-1].tolist()) & {State.STOPPING, State.STOPPED}

@@ -38,7 +38,7 @@ def test_the_row_shows_a_stall_and_what_follows_is_a_ramp(tmp_path: Path) -> Non
     b = Bench(tmp_path)
     b.run(300, lambda k: _follow(b, (100, 190), k))
     sent, applied = _value(b, "arm.command.sent")[:, 0], _value(b, "arm.command.applied")[:, 0]
-    resynchronised = (b.word("flags") & FLAG_RESYNCHRONISED) > 0
+    resynchronised = (b.header("flags") & FLAG_RESYNCHRONISED) > 0
     assert (sent[100:190] == sent[99]).all()
     assert np.abs(np.diff(sent[50:])).max() <= SPEED * 0.01 * (1 + 1e-6)
     assert abs(sent[190] - sent[99]) <= 10 * 0.01**2, "the first step after the stall is one from rest"
@@ -48,7 +48,7 @@ def test_the_row_shows_a_stall_and_what_follows_is_a_ramp(tmp_path: Path) -> Non
     assert not resynchronised[192:].any()
     reported = [event for event in b.events if "arm.command" in event]
     assert [("again" in event) for event in reported] == [False, True], "and people are told, once each"
-    commands = b.word("arm.commands")
+    commands = b.header("arm.commands")
     assert commands[189] == commands[99]
     assert commands[299] - commands[189] == 110
 
@@ -218,7 +218,7 @@ def test_a_command_isnt_taken_for_sent_because_another_of_its_device_was(
     b.run(60, lambda k: None)
     assert replay(b.graph.layout, b.rows()[:-1], "toy").identical
     assert np.array_equal(_value(b, "arm.first.applied"), _value(b, "arm.second.applied"))
-    assert not (b.word("flags") & FLAG_RESYNCHRONISED).any()
+    assert not (b.header("flags") & FLAG_RESYNCHRONISED).any()
 
 
 class Weigher(Law):
@@ -309,7 +309,7 @@ def test_a_start_does_not_drop_the_torque_that_a_held_stop_pulls_with(
             b.ask("reset")
 
     b.run(130, script)
-    states, applied = b.word("state"), _value(b, "arm.command.applied")
+    states, applied = b.header("state"), _value(b, "arm.command.applied")
     assert State.STOPPED in states[30:90]
     assert states[-2] == State.ACTIVE
     assert np.abs(applied[85:90] - 3.0).max() > 2.0, "the hold pulls back"

@@ -80,7 +80,7 @@ def test_no_command_of_a_device_that_was_away_goes_on_from_before(
             b.ask("reset")
 
     b.run(150, script)
-    states = b.word("state")
+    states = b.header("state")
     start = 135 + int(np.flatnonzero(states[135:] == State.ACTIVE)[0])
     for name in ("first", "second"):
         applied = value(b, f"arm.{name}.applied")

@@ -132,7 +132,7 @@ def test_the_picture_is_thinned_to_the_newest_row_of_each_thirtieth(tmp_path: Pa
     rows = made_rows(layout, count, arm__position=q)
     file, _ = write(layout, rows, tmp_path, batch=count)
     frames = Frames(file)
-    now = layout.word(rows, "now")
+    now = layout.header(rows, "now")
     bins = now // int(1e9 / VIEW_RATE)
     newest = {int(np.flatnonzero(bins == b)[-1]) for b in np.unique(bins)}
     assert set(frames.moved) - {0} == newest - {0}  # the first row is there, too

@@ -179,7 +179,7 @@ def test_ready_then_watchdog_then_a_safe_stop(tmp_path: Path, monkeypatch: pytes
         for _ in range(6):
             assert hear(ours, 5) == b"WATCHDOG=1"
         print(f"6 pings in {time.monotonic() - begun:.2f} s")
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         run.process.send_signal(signal.SIGTERM)
         found = run.finish(code=0)
     assert (found["state"], found["cause"]) == ("ended", "request")
@@ -216,7 +216,7 @@ def test_a_stop_signal_to_all_processes_is_a_safe_stop(tmp_path: Path) -> None:
         run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
         run.until(run.run_folder.bus_socket.exists, "the bus's socket")
         run.until(lambda: run.reader.consumed > 0, "recorded rows")
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         for pid in (run.process.pid, *run.children().values()):
             os.kill(pid, signal.SIGTERM)
         found = run.finish(code=0)

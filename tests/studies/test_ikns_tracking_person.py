@@ -98,7 +98,7 @@ def test_a_trial_is_stored_as_it_ends_and_the_session_resumes_after_it(tmp_path:
     own = stored(tmp_path)
     with Running(tmp_path, "ikns-finger", "--sim", "--confirm", instance="ikns-finger") as run:
         run.started()
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         with study(tmp_path) as address:
             first = asyncio.run(trials(address, 2))
         assert [t["number"] for t in first] == [1, 2]  # the second is offered once the first is stored

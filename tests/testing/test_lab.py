@@ -149,7 +149,7 @@ def test_late_shows_what_was_there_before_and_says_when() -> None:
         late.fault("ft", "late", by=0.05)
         late.run(0.8)
         assert (late.history("ft.wrench")[30:] == good.history("ft.wrench")[25:-5]).all()
-        stamps = [each.layout.word(each.rows, "ft.stamp") for each in (late, good)]
+        stamps = [each.layout.header(each.rows, "ft.stamp") for each in (late, good)]
         assert (stamps[0][30:] == stamps[1][25:-5]).all()
 
 

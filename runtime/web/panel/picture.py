@@ -94,7 +94,7 @@ class PictureServer(PageServer):
         return self._view.scene | self.scene_beside(self._view.layout)
 
     def _time(self, rows: Words) -> None:
-        wake, write = (self._view.layout.word(rows, name) for name in ("wake", "write"))
+        wake, write = (self._view.layout.header(rows, name) for name in ("wake", "write"))
         if self._wake:
             self._period = max(self._period, float(np.diff(wake, prepend=self._wake).max()) / 1e6)
         self._cycle = max(self._cycle, float((write - wake).max()) / 1e6)
@@ -147,11 +147,11 @@ class View:
                 rows = np.column_stack([values[:, :7], np.broadcast_to(own, (len(values), 3))])
             things.append(_numbers(rows, 4))
         curves = [np.array([v[0] for v in p.curves(self.layout, row[None]).values()]) for p in self._plots]
-        now = int(self.layout.word(row, "now"))
-        stamps = {name: int(self.layout.word(row, f"{name}.stamp")) for name in self.layout.devices}
+        now = int(self.layout.header(row, "now"))
+        stamps = {name: int(self.layout.header(row, f"{name}.stamp")) for name in self.layout.devices}
         return {
             "things": things, "curves": [*(_numbers(values, 5) for values in curves), timing],
-            "cycle": int(self.layout.word(row, "cycle")), "state": _state(int(self.layout.word(row, "state"))),
+            "cycle": int(self.layout.header(row, "cycle")), "state": _state(int(self.layout.header(row, "state"))),
             "ages": {name: (now - stamp) / 1e6 if stamp >= 0 else None for name, stamp in stamps.items()},
         }  # fmt: skip
 

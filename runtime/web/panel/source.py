@@ -82,7 +82,7 @@ class Source:
             raise RecordingError(place, problem, f"Say which, for example '{self._signal}[NAME]'")
         if self._held is not None:
             pick(layout, rows[:0], self._held, place)
-        times = layout.word(rows, "control") / 1e9
+        times = layout.header(rows, "control") / 1e9
         return np.column_stack([times, (values - self._low) / (self._high - self._low)])
 
     def _reading(self, now: float) -> Reading:

@@ -97,7 +97,7 @@ class Feed:
             time = 0.0
             if rows:
                 joined = Thinned.joined(rows)
-                time = int(self._stream.layout.word(joined.rows, "now")[-1]) / 1e6
+                time = int(self._stream.layout.header(joined.rows, "now")[-1]) / 1e6
                 self._stream.show(joined)
                 messages += self._messages(self._out.read())
         return new, time, self._start + messages if messages else b""

@@ -66,7 +66,7 @@ def test_the_hand_as_the_chest_sees_it() -> None:
 def test_a_chest_that_is_hidden_stops_whoever_needs_it() -> None:
     """Its last pose is still there, and the hand is still seen."""
     run = simulate(PROFILE.replace("occlusion: {}", "occlusion: {Chest: [[1.0, 9.0]]}"), seconds=2.0)
-    state, cause = (run.layout.word(run.rows, name) for name in ("state", "cause"))
+    state, cause = (run.layout.header(run.rows, name) for name in ("state", "cause"))
     stopped = np.flatnonzero(np.isin(state, (State.STOPPING, State.STOPPED)) & (cause == Cause.INTENT_LOSS))
     assert len(stopped)
     assert run.value("mocap.visible")[-1].tolist() == [0.0, 1.0]

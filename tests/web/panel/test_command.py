@@ -51,7 +51,7 @@ def test_what_cannot_be_is_said(
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     with Running(tmp_path_factory.mktemp("r"), "sixth-finger", "--sim", "--confirm") as running:
         running.started()
-        running.until(lambda: running.word("state") == State.ACTIVE, "motion")
+        running.until(lambda: running.header("state") == State.ACTIVE, "motion")
         yield running
 
 
@@ -70,7 +70,7 @@ def test_without_a_signal_the_page_is_the_panel_with_the_live_picture(run: Runni
     assert {"hand.skeleton", "mapping.sphere"} <= set(names)
     assert "finger.position" in [plot["title"] for plot in scene["plots"]]
     rows = run.reader.take()
-    cycles, tips = run.layout.word(rows, "cycle"), run.layout.value(rows, "hand.skeleton")
+    cycles, tips = run.layout.header(rows, "cycle"), run.layout.value(rows, "hand.skeleton")
     assert all(frame["condition"] == "live" for frame in frames)
     assert len({frame["cycle"] for frame in frames}) > 20
     for frame in frames:
@@ -95,16 +95,16 @@ def test_the_page_shows_the_loops_values_and_stops_it(run: Running) -> None:
         panel.kill()  # the command has no chance to tidy up
         until(lambda: not alive(page.pid))
     rows = run.reader.take()
-    times, glove = run.layout.word(rows, "control") / 1e6, run.layout.value(rows, "glove.position")
+    times, glove = run.layout.header(rows, "control") / 1e6, run.layout.value(rows, "glove.position")
     index = run.layout.fields["glove.position"].labels.index("index_mpj")
     for t, y in values:
         at = int(np.argmin(np.abs(times - t)))
         assert times[at] == pytest.approx(t, abs=1e-3)
         assert y == pytest.approx((glove[at, index] + 1) / 4)
     assert len({t for t, _ in values}) > 20
-    run.until(lambda: run.word("state") == State.STOPPED, "the stop")
-    assert run.word("cause") == Cause.REQUEST
-    assert run.word("latches") & Latch.PERSON
+    run.until(lambda: run.header("state") == State.STOPPED, "the stop")
+    assert run.header("cause") == Cause.REQUEST
+    assert run.header("latches") & Latch.PERSON
 
 
 async def _scene_and_frames(address: str, count: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
