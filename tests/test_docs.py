@@ -166,6 +166,8 @@ def test_profiles_page_has_the_defaults() -> None:
             assert text in ("none", "the driver's", "the law's"), path
         elif default in ("", (), {}):
             assert text == "empty", path
+        elif isinstance(default, str):
+            assert text == default, path
         elif isinstance(default, bool):
             assert text == str(default).lower(), path
         elif isinstance(default, int | float):

@@ -30,6 +30,7 @@ LAYERS: dict[str, set[str]] = {
     "srl.runtime.profile": LOOP - {"srl.runtime.loop"},
     "srl.runtime.loop": LOOP,
     "srl.runtime.bus": LOOP,
+    "srl.runtime.ros2": LOOP | {"srl.runtime.bus"},
     "srl.runtime.overview": LOOP,
     "srl.runtime.pictures": LOOP | {"srl.runtime.overview"},
     "srl.runtime.recorder": LOOP | {"srl.runtime.pictures"},

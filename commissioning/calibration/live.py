@@ -80,7 +80,7 @@ class Live(RowSource):
                 record is not None,
             )
             self.supervisor = Supervisor(
-                self.folder, launch, state_dir(instance), helpers(self.folder, False, record, view), report
+                self.folder, launch, state_dir(instance), helpers(self.folder, None, record, view), report
             )
             self.supervisor.start()
             while self.supervisor.step() and not self.supervisor.running:

@@ -139,7 +139,7 @@ class Session:
                     self._record is not None,
                 )  # fmt: skip
                 # No bus: the terminal is the only one who may write the requests.
-                beside = helpers(where, False, self._record, self._view)
+                beside = helpers(where, None, self._record, self._view)
                 self.supervisor = supervisor = Supervisor(where, launch, state, beside, self._report)
                 signals.pass_to(partial(self._interrupted, supervisor))
                 well = yield from self._supervised(supervisor, kept, terminal)

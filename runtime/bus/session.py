@@ -65,7 +65,7 @@ def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> z
         }
     }
     if tls is not None:
-        content["transport"]["link"] = {"tls": _tls(tls, "connect")}
+        content["transport"]["link"] = {"tls": client_tls(tls)}
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:
@@ -91,6 +91,11 @@ def _tls(tls: TlsConfig, side: str) -> dict[str, Any]:
         f"{side}_private_key": tls.key,
         "enable_mtls": True,
     }
+
+
+def client_tls(tls: TlsConfig) -> dict[str, Any]:
+    """zenoh's options of a TLS link that this side opens."""
+    return _tls(tls, "connect")
 
 
 _READ = ["query", "declare_subscriber"]

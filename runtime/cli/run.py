@@ -105,7 +105,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
             args.sim, args.fast, cycles, automatic, [] if latched is None else latches.names(latched.latches),
             record is not None, args.person or "", _make_room(args, source, checked, status),
         )  # fmt: skip
-        telemetry = helpers(where, checked.bus is not None, record, args.view)
+        telemetry = helpers(where, checked.bus, record, args.view)
         supervisor = Supervisor(where, launch, state, telemetry, status.line)
         signals.pass_to(supervisor.end)
         result = _supervise(supervisor, latched, args, advice, status)

@@ -17,9 +17,19 @@ def encode(number: int, stamp: int, sender: bytes) -> bytes:
     return _FORM.pack(number, stamp, 16, sender)
 
 
+def is_one(attachment: bytes) -> bool:
+    """Whether bytes are such an attachment."""
+    return len(attachment) == SIZE and attachment[16] == 16
+
+
+def answer(request: bytes, stamp: int) -> bytes:
+    """The attachment of a service's reply: number and sender are the request's. `stamp`: Unix ns."""
+    return request[:8] + stamp.to_bytes(8, "little", signed=True) + request[16:]
+
+
 def stamp_of(attachment: bytes) -> int:
     """Returns the source time, Unix ns; -1 if the bytes aren't such an attachment."""
-    if len(attachment) != SIZE or attachment[16] != 16:
+    if not is_one(attachment):
         return -1
     stamp = int.from_bytes(attachment[8:16], "little", signed=True)
     return stamp if stamp > 0 else -1

@@ -76,6 +76,7 @@ TYPES: dict[str, tuple[tuple[str, str], ...]] = {
         ("child_frame_id", "string"),
         ("transform", "geometry_msgs/msg/Transform"),
     ),
+    "std_srvs/srv/Trigger_Response": (("success", "bool"), ("message", "string")),
     "tf2_msgs/msg/TFMessage": (("transforms", "geometry_msgs/msg/TransformStamped[]"),),
     "rcl_interfaces/msg/Log": (
         ("stamp", "builtin_interfaces/msg/Time"),

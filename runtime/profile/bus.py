@@ -4,14 +4,33 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.tls import TlsConfig
 
 _ENDPOINT = re.compile(r"^(?P<protocol>tcp|tls)/(?P<host>\[[0-9a-fA-F:]+\]|[^:/\[\]?#]+):(?P<port>\d{1,5})$")
+
+
+class Ros2Config(BaseModel):
+    """`bus.ros2`: the run as a node of ROS 2, for peers with rmw_zenoh. `ros2: true` takes the defaults."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    router: str = Field("tcp/127.0.0.1:7447", description="the zenoh router that ROS 2 uses: tcp/HOST:PORT, tls/...")
+    domain: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID")
+    namespace: str | None = Field(
+        None,
+        pattern=r"^(|/[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)$",
+        description="of the node: '/left'; null: the instance's name; '': none",
+    )
+    distribution: Literal["humble", "jazzy", "kilted", "lyrical"] = Field("jazzy", description="of the ROS 2 peers")
+    rate: float = Field(50.0, gt=0.0, le=1000.0, description="Hz, at which topics are published, at most")
+    commands: bool = Field(
+        False, description="whether any peer of the router may start, stop, reset the limb and send its setpoints"
+    )
 
 
 class BusConfig(BaseModel):
@@ -25,6 +44,29 @@ class BusConfig(BaseModel):
     roles: dict[Literal["observer", "operator", "engineer"], tuple[str, ...]] = Field(
         {}, description="who may do what from the network: the common names (CN) of the certificates of each role"
     )
+
+    ros2: Ros2Config | None = Field(None, description="the run as a node of ROS 2; true: with the defaults")
+
+    @field_validator("ros2", mode="before")
+    @classmethod
+    def _switched(cls, given: Any) -> Any:
+        return {} if given is True else None if given is False else given
+
+    @model_validator(mode="after")
+    def _reached(self) -> BusConfig:
+        if self.ros2 is None:
+            return self
+        match = _ENDPOINT.match(self.ros2.router)
+        if match is None or not 0 < int(match["port"]) < 65536:
+            raise ValueError(f"ros2.router: '{self.ros2.router}' must read tcp/HOST:PORT or tls/HOST:PORT")
+        if match["protocol"] == "tls" and self.tls is None:
+            raise ValueError(f"ros2.router: '{self.ros2.router}' needs `tls:` with ca, certificate and key")
+        if match["protocol"] == "tcp" and self.ros2.commands and not _is_loopback(match["host"]):
+            raise ValueError(
+                f"ros2.router: over '{self.ros2.router}' anyone on the network could move the limb; "
+                "use a router on this machine (tcp/127.0.0.1:7447), tls/..., or leave `commands` off"
+            )
+        return self
 
     @model_validator(mode="after")
     def _closed(self) -> BusConfig:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from srl.runtime.ipc.child import FINAL, PARENT, starting
 from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.profile.bus import BusConfig
 
 BACKOFF = (0.0, 0.0, 0.2, 1.0, 5.0)  # s before the first, second, ... restart within a minute
 ATTEMPTS = 3  # to finish a recording
@@ -111,11 +112,13 @@ def spawn(command: list[str], run_folder: RunFolder, *descriptors: int) -> subpr
         )
 
 
-def helpers(run_folder: RunFolder, bus: bool, record: Path | None, view: bool) -> list[Helper]:
+def helpers(run_folder: RunFolder, bus: BusConfig | None, record: Path | None, view: bool) -> list[Helper]:
     """The telemetry processes of a run."""
     found = []
-    if bus:
+    if bus is not None:
         found.append(Helper("bus", [sys.executable, "-m", "srl.runtime.bus", str(run_folder.path)]))
+    if bus is not None and bus.ros2 is not None:
+        found.append(Helper("ros2", [sys.executable, "-m", "srl.runtime.ros2", str(run_folder.path)]))
     if record is not None:
         command = [sys.executable, "-m", "srl.runtime.recorder", str(run_folder.path), "--out", str(record)]
         found.append(Helper("recorder", command, keeps=True))

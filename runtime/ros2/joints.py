@@ -1,0 +1,119 @@
+"""All joints of a run as one sensor_msgs/msg/JointState."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
+from srl.runtime.ipc.header import CYCLE, DEVICE
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.messages import cdr
+from srl.runtime.messages.messages import joint_names, time_of
+from srl.runtime.recording.robots import Robot
+
+
+@dataclass(frozen=True)
+class _Group:
+    """One device's joints: its signals, None for what it doesn't measure, and the row's column with its stamp."""
+
+    position: Field
+    velocity: Field | None
+    effort: Field | None
+    column: int
+
+
+class Joints:
+    """Names and values of the joints; `names` (n,), each once.
+
+    A device that measures no position gives what was sent to it last. A joint that follows a device's value by a factor
+    (the fingers of a hand with one motor) has the name of its link.
+    """
+
+    def __init__(self, layout: Layout, robots: list[Robot]) -> None:
+        self._layout = layout
+        devices = [device for device in layout.devices if device not in layout.setpoint_owners]
+        self._groups = [group for device in devices if (group := self._group(device)) is not None]
+        given = [(group.position.name.partition(".")[0], joint_names(group.position)) for group in self._groups]
+        self._followers = [
+            (robot, number) for robot in robots for number in robot.linkage.moving if not plain(robot, number)
+        ]
+        pairs = [(device, name) for device, names in given for name in names]
+        pairs += [(robot.name, robot.linkage.links[number].name) for robot, number in self._followers]
+        often = Counter(name for _, name in pairs)
+        self._name = {pair: pair[1] if often[pair[1]] == 1 else f"{pair[0]}_{pair[1]}" for pair in pairs}
+        self.names = [self._name[pair] for pair in pairs]
+
+    def _group(self, device: str) -> _Group | None:
+        fields = self._layout.fields
+        position = fields.get(f"{device}.position") or fields.get(f"{device}.position_command.sent")
+        if position is None or len(position.shape) != 1 or position.frame is not None or not position.size:
+            return None
+
+        def fitting(name: str) -> Field | None:
+            found = fields.get(f"{device}.{name}")
+            return found if found is not None and found.shape == position.shape else None
+
+        column = CYCLE.now
+        if position.role == "state":
+            column = self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
+        return _Group(position, fitting("velocity"), fitting("effort"), column)
+
+    def name_of(self, robot: Robot, number: int) -> str:
+        """The name of the joint that moves a robot's link."""
+        link = robot.linkage.links[number]
+        device = robot.angles.partition(".")[0]
+        pair = (device, link.joint) if plain(robot, number) else (robot.name, link.name)
+        return self._name.get(pair, link.name)
+
+    def message(self, row: NDArray[np.int64], wall: int) -> tuple[int, cdr.Message] | None:
+        """The stamp, Unix ns, and the message of a row (width,); None before the first samples.
+
+        The stamp is that of the oldest of the devices' samples. What isn't measured is NaN.
+        """
+        stamps = [int(row[group.column]) for group in self._groups]
+        known = [stamp for stamp in stamps if stamp >= 0]
+        if not known:
+            return None
+        columns: list[list[Array]] = [[], [], []]
+        for group in self._groups:
+            for column, field in zip(columns, (group.position, group.velocity, group.effort), strict=True):
+                empty = np.full(group.position.size, np.nan)
+                column.append(empty if field is None else self._layout.value(row, field.name))
+        for robot, number in self._followers:
+            link = robot.linkage.links[number]
+            field = self._layout.fields[robot.angles]
+            value = self._layout.value(row, robot.angles)[field.labels.index(link.joint)]
+            columns[0].append(np.array([link.factor * value + link.offset]))
+            columns[1].append(np.array([np.nan]))
+            columns[2].append(np.array([np.nan]))
+        position, velocity, effort = (np.concatenate(column) for column in columns)
+        stamp = min(known) + wall
+        return stamp, {
+            "header": {"stamp": time_of(stamp), "frame_id": ""}, "name": self.names, "position": position,
+            "velocity": velocity if np.isfinite(velocity).any() else (),
+            "effort": effort if np.isfinite(effort).any() else (),
+        }  # fmt: skip
+
+
+def moved_by_devices(robots: list[Robot], layout: Layout) -> list[Robot]:
+    """The robots; one that a recording draws by the simulation's truth is moved by what was sent to its device."""
+
+    def moved(robot: Robot) -> Robot:
+        if not robot.angles or layout.fields[robot.angles].role != "truth":
+            return robot
+        sent = layout.fields.get(f"{robot.name}.position_command.sent")
+        fits = sent is not None and set(layout.fields[robot.angles].labels) <= set(sent.labels)
+        return replace(robot, angles=sent.name) if sent is not None and fits else robot
+
+    return [moved(robot) for robot in robots]
+
+
+def plain(robot: Robot, number: int) -> bool:
+    """Whether a link's joint is where the device's value is."""
+    link = robot.linkage.links[number]
+    return link.factor == 1.0 and link.offset == 0.0

@@ -1,0 +1,112 @@
+"""Names, type hashes, liveliness tokens and quality of service as ROS 2 has them under rmw_zenoh.
+
+Sources: protocol sheet rmw_zenoh; ros2/rmw_zenoh, docs/design.md and detail/liveliness_utils.cpp.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from srl.runtime.messages import messages
+
+TF: Final = "tf2_msgs/msg/TFMessage"
+TRIGGER: Final = "std_srvs/srv/Trigger"
+
+# RIHS01 of REP 2016, the same in Jazzy, Kilted and Lyrical (a test computes them anew).
+HASHES: Final = {
+    messages.JOINT_STATE: "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
+    messages.MULTI_ARRAY: "1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f",
+    messages.WRENCH: "8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77",
+    messages.TWIST: "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64",
+    messages.POSE: "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+    messages.STRING: "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    messages.DIAGNOSTICS: "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+    TF: "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    TRIGGER: "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
+}
+_UNHASHED: Final = "TypeHashNotSupported"  # what Humble says in a hash's place
+
+
+def type_hash(kind: str, distribution: str) -> str:
+    """The hash of a type as keys have it."""
+    return _UNHASHED if distribution == "humble" else f"RIHS01_{HASHES[kind]}"
+
+
+def dds_type(kind: str) -> str:
+    """The type as keys have it: "std_msgs/msg/String" -> "std_msgs::msg::dds_::String_"."""
+    package, group, name = kind.split("/")
+    return f"{package}::{group}::dds_::{name}_"
+
+
+def token(name: str) -> str:
+    """A part of a ROS name: letters, digits and underscores, beginning with no digit."""
+    made = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return f"_{made}" if made[:1].isdigit() else made
+
+
+def mangled(name: str) -> str:
+    """A name within a liveliness token, where `/` separates: "/a/b" -> "%a%b"; "" -> "%"."""
+    return name.replace("/", "%") or "%"
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service, as far as the runtime chooses it.
+
+    Attributes:
+        depth: of the history, keep last.
+        latched: durability transient local: who comes late gets the last samples; else volatile.
+    """
+
+    depth: int = 10
+    latched: bool = False
+
+    @property
+    def text(self) -> str:
+        """As in a liveliness token: reliable; deadline, lifespan and liveliness are the default."""
+        return f"1:{1 if self.latched else 2}:1,{self.depth}:,:,:,,"
+
+
+@dataclass(frozen=True)
+class NodeName:
+    """A node in the graph.
+
+    Attributes:
+        domain: ROS_DOMAIN_ID.
+        session: the zenoh session's id, hexadecimal.
+        namespace: "/worn_arm"; "" for the root.
+        name: of the node.
+    """
+
+    domain: int
+    session: str
+    namespace: str
+    name: str
+
+    def qualified(self, name: str) -> str:
+        """A topic's or service's whole name: "joint_states" -> "/worn_arm/joint_states"; "/tf" stays."""
+        return name if name.startswith("/") else f"{self.namespace}/{name}"
+
+    def data_key(self, name: str, kind: str, hashed: str) -> str:
+        """The key of a topic's samples, or of a service."""
+        return f"{self.domain}/{self.qualified(name).strip('/')}/{dds_type(kind)}/{hashed}"
+
+    @property
+    def alive(self) -> str:
+        """The node's own token."""
+        return f"@ros2_lv/{self.domain}/{self.session}/0/0/NN/%/{mangled(self.namespace)}/{self.name}"
+
+    def entity(self, number: int, role: str, name: str, kind: str, hashed: str, qos: Qos) -> str:
+        """The token of an entity.
+
+        Args:
+            number: of the entity in this session, from 1.
+            role: MP publisher, MS subscription, SS service, SC client of one.
+            name, kind, hashed, qos: of the topic or service.
+        """
+        return (
+            f"@ros2_lv/{self.domain}/{self.session}/0/{number}/{role}/%/{mangled(self.namespace)}/{self.name}/"
+            f"{mangled(self.qualified(name))}/{dds_type(kind)}/{hashed}/{qos.text}"
+        )

@@ -1,0 +1,169 @@
+"""The robot as ROS expects it: one tree of frames, all joints once, and a URDF that another library reads alike."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from srl.runtime.contracts import rotation
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.messages import cdr, messages
+from srl.runtime.profile import profile, wiring
+from srl.runtime.recording.robots import FixedRobots, robots
+from srl.runtime.recording.shapes import Placing
+from srl.runtime.ros2.joints import Joints, moved_by_devices
+from srl.runtime.ros2.names import TF
+from srl.runtime.ros2.tree import Tree, frame_of
+from srl.runtime.ros2.urdf import description
+
+PROFILES = ("human-srl", "moca-man", "kairos-man", "sixth-finger", "servo-jog", "so101")
+WALL = 1_700_000_000_000_000_000
+
+
+class Run:
+    """A profile some cycles after its begin."""
+
+    def __init__(self, name: str) -> None:
+        graph = wiring.build(*profile.load(name), [])
+        step = Lockstep(graph)
+        for _ in range(round(0.3 * graph.layout.meta["rate"][0] / graph.layout.meta["rate"][1])):
+            step.step()
+        self.layout: Layout = graph.layout
+        self.row = graph.row.words.copy()
+        found = moved_by_devices(robots(self.layout), self.layout)
+        self.joints, self.tree = Joints(self.layout, found), Tree(self.layout, found)
+        self.robots = found
+
+    def poses(self) -> dict[str, np.ndarray]:
+        """T (4, 4) of each frame in its root, by walking the published transforms."""
+        given = [*self.tree.static(0)["transforms"], *self.tree.moving(self.row, WALL)["transforms"]]
+        own = {}
+        for t in given:
+            p, q = t["transform"]["translation"], t["transform"]["rotation"]
+            pose = (p["x"], p["y"], p["z"], q["w"], q["x"], q["y"], q["z"])
+            assert t["child_frame_id"] not in own, "a frame has one parent"
+            own[t["child_frame_id"]] = t["header"]["frame_id"], rotation.homogeneous(pose)
+        placed: dict[str, np.ndarray] = {}
+
+        def place(frame: str) -> np.ndarray:
+            if frame not in own:
+                return np.eye(4)
+            if frame not in placed:
+                parent, T = own[frame]
+                placed[frame] = place(parent) @ T
+            return placed[frame]
+
+        return {frame: place(frame) for frame in own}
+
+
+@pytest.fixture(scope="module", params=PROFILES)
+def run(request: pytest.FixtureRequest) -> Run:
+    return Run(request.param)
+
+
+def test_each_link_is_in_tf_where_the_pictures_draw_it(run: Run) -> None:
+    poses, known = run.poses(), 0
+    drawn = {robot.name: robot.angles for robot in robots(run.layout)}
+    for robot, places in zip(run.robots, FixedRobots(run.layout).of(run.row), strict=True):
+        if robot.angles and robot.angles != drawn[robot.name]:
+            continue  # the picture has the simulation's truth, of a limb that measures nothing
+        for number in range(len(robot.linkage.links)):
+            if np.isfinite(places[number]).all() and (frame := frame_of(robot, number)) in poses:
+                np.testing.assert_allclose(poses[frame], places[number], atol=1e-9)
+                known += 1
+    assert known > 0 or not run.robots or run.layout.meta["name"] == "sixth-finger"
+
+
+def test_each_frame_of_the_profile_is_in_tf_where_the_laws_have_it(run: Run) -> None:
+    poses = run.poses()
+    links = {frame_of(robot, i) for robot in run.robots for i in range(len(robot.linkage.links))}
+    placing = Placing(run.layout)
+    for frame in set(placing.frames) - links:
+        T = placing.to_root(run.row, frame)
+        if frame in poses and np.isfinite(T).all():
+            np.testing.assert_allclose(poses[frame], T, atol=1e-9)
+
+
+def test_all_joints_are_there_once_with_what_is_measured(run: Run) -> None:
+    found = run.joints.message(run.row, WALL)
+    assert found is not None
+    stamp, message = found
+    assert len(set(message["name"])) == len(message["name"]) == len(message["position"])
+    assert stamp >= WALL
+    sent = cdr.decode(messages.JOINT_STATE, cdr.encode(messages.JOINT_STATE, message))
+    assert sent["name"] == list(message["name"])
+    assert sent["header"]["stamp"] == {"sec": stamp // 10**9, "nanosec": stamp % 10**9}
+
+
+def test_another_library_reads_the_urdf_and_has_the_links_where_tf_has_them(run: Run) -> None:
+    limits = {
+        name: {"labels": run.layout.fields[name].labels, "lower": [-2.0] * 30, "upper": [2.0] * 30, "velocity": None}
+        for name in run.layout.meta["commands"]
+    }
+    text = description("robot", run.tree, run.joints, limits)
+    root = ET.fromstring(text)
+    links = [link.get("name") for link in root.findall("link")]
+    joints = [joint.get("name") for joint in root.findall("joint")]
+    assert len(set(links)) == len(links)
+    assert len(set(joints)) == len(joints)
+    if not run.robots:
+        return
+    model = pin.buildModelFromXML(text)
+    data = model.createData()
+    _, message = run.joints.message(run.row, WALL) or (0, {})
+    value = dict(zip(message["name"], message["position"], strict=True))
+    poses = run.poses()
+    q = pin.neutral(model)
+    for number in range(1, model.njoints):
+        name, place = model.names[number], model.joints[number].idx_q
+        kind = model.joints[number].shortname()
+        if kind == "JointModelFreeFlyer":
+            edge = next(e for e in run.tree.edges if f"{e.child}_joint" == name)
+            T = (
+                np.linalg.inv(rotation.homogeneous(edge.pose))
+                @ np.linalg.inv(poses.get(edge.parent, np.eye(4)))
+                @ poses.get(edge.child, poses.get(edge.parent, np.eye(4)) @ rotation.homogeneous(edge.pose))
+            )
+            w, x, y, z = rotation.from_matrix(T[:3, :3])
+            q[place : place + 7] = (*T[:3, 3], x, y, z, w)
+        elif model.joints[number].nq == 2:  # without limits
+            q[place : place + 2] = np.cos(value[name]), np.sin(value[name])
+        else:
+            q[place] = value[name]
+    pin.framesForwardKinematics(model, data, q)
+    compared = 0
+    for robot in run.robots:
+        for number in range(len(robot.linkage.links)):
+            frame = frame_of(robot, number)
+            if frame in poses and model.existFrame(frame, pin.BODY):
+                made = data.oMf[model.getFrameId(frame, pin.BODY)].homogeneous
+                np.testing.assert_allclose(made, poses[frame], atol=1e-6, err_msg=frame)
+                compared += 1
+    assert compared > 1
+
+
+def test_limits_are_the_guards(run: Run) -> None:
+    layout = run.layout
+    for name in layout.meta["commands"]:
+        labels = layout.fields[name].labels
+        size = layout.fields[name].size
+        limits = {
+            name: {"labels": labels, "lower": list(-np.arange(1.0, size + 1)), "upper": [3.0] * size, "velocity": None}
+        }
+        root = ET.fromstring(description("robot", run.tree, run.joints, limits))
+        for joint in root.findall("joint"):
+            if joint.get("name") in labels and (found := joint.find("limit")) is not None and found.get("upper") == "3":
+                assert float(found.get("lower", "0")) == -(1.0 + labels.index(joint.get("name", "")))
+
+
+def test_what_is_not_known_is_not_said() -> None:
+    graph = wiring.build(*profile.load("human-srl"))
+    row = graph.row.words.copy()
+    tree = Tree(graph.layout, robots(graph.layout))
+    assert cdr.decode(TF, cdr.encode(TF, tree.moving(row, WALL)))["transforms"] == [] or all(
+        np.isfinite(list(t["transform"]["translation"].values())).all() for t in tree.moving(row, WALL)["transforms"]
+    )

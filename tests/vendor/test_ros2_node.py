@@ -1,0 +1,223 @@
+"""A client of ROS 2 that isn't ours sees a run as a node: topics with types, services, late joiners, a lost router."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import zenoh
+from helpers.run import Running
+from helpers.wait import until
+from rosbags.typesys import Stores, get_typestore
+from zenoh import ext
+
+from srl.runtime.ipc.header import State
+from srl.runtime.ros2.names import HASHES, TF, TRIGGER, dds_type
+
+sdk = pytest.importorskip("zenoh_ros2_sdk")
+discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
+STORE = get_typestore(Stores.ROS2_JAZZY)
+pytestmark = pytest.mark.slow
+
+
+@contextmanager
+def router(port: int) -> Iterator[None]:
+    """What `rmw_zenohd` is: a zenoh router."""
+    content = {
+        "mode": "router", "listen": {"endpoints": [f"tcp/127.0.0.1:{port}"]},
+        "scouting": {"multicast": {"enabled": False}},
+    }  # fmt: skip
+    session = zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
+    try:
+        yield
+    finally:
+        session.close()
+
+
+class Peer:
+    """The stranger's session, at one router."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.manager = sdk.ZenohSession.get_instance("127.0.0.1", port)
+
+    def topics(self) -> dict[str, str]:
+        """Names and types, as `ros2 topic list -t` shows them."""
+        found = discovery.get_topic_names_and_types(0, "127.0.0.1", self.port, timeout=1.0)
+        return {name: kinds[0] for name, kinds in found}
+
+    def tokens(self, kind: str) -> list[str]:
+        """The liveliness tokens of a kind."""
+        given = self.manager.session.liveliness().get(f"@ros2_lv/**/{kind}/**", timeout=1.0)
+        return [str(reply.ok.key_expr) for reply in given if reply.ok is not None]
+
+    def echo(self, topic: str, kind: str, latched: bool = False) -> Any:
+        """The next message of a topic, decoded by rosbags; of a latched one, the last from before."""
+        key = f"0{topic}/{dds_type(kind)}/RIHS01_{HASHES[kind]}"
+        taken: list[Any] = []
+        session = self.manager.session
+        if latched:
+            subscriber: Any = ext.declare_advanced_subscriber(
+                session, key, taken.append, history=ext.HistoryConfig(detect_late_publishers=True)
+            )
+        else:
+            subscriber = session.declare_subscriber(key, taken.append)
+        until(lambda: taken, what=topic)
+        subscriber.undeclare()
+        assert len(taken[-1].attachment.to_bytes()) == 33
+        return STORE.deserialize_cdr(taken[-1].payload.to_bytes(), kind)
+
+    def trigger(self, service: str) -> tuple[bool, str]:
+        """Calls a std_srvs/srv/Trigger."""
+        key = f"0{service}/{dds_type(TRIGGER)}/RIHS01_{HASHES[TRIGGER]}"
+        gid = bytes(range(16))
+        attachment = (7).to_bytes(8, "little") + time.time_ns().to_bytes(8, "little") + b"\x10" + gid
+        (reply,) = list(self.manager.session.get(key, payload=b"\0\1\0\0\0", attachment=attachment, timeout=10.0))
+        answered = reply.ok.attachment.to_bytes()
+        assert answered[:8] == attachment[:8]
+        assert answered[17:] == gid
+        payload = reply.ok.payload.to_bytes()
+        size = int.from_bytes(payload[8:12], "little")
+        return bool(payload[4]), payload[12 : 12 + size - 1].decode()
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def node(folder: Path, port: int, profile: str, *more: str, **options: Any) -> Iterator[Running]:
+    ros2 = json.dumps({"router": f"tcp/127.0.0.1:{port}"} | options)
+    instance = more[1] if more else profile
+    with Running(folder, profile, "--sim", "--set", f"bus.ros2={ros2}", *more, instance=instance) as run:
+        run.started()
+        yield run
+
+
+@pytest.fixture
+def peer(port: int) -> Iterator[Callable[[], Peer]]:
+    made: list[Peer] = []
+
+    def join() -> Peer:
+        made.append(Peer(port))
+        return made[-1]
+
+    yield join
+    for each in made:
+        each.manager.close()
+
+
+def test_a_run_is_a_node_with_the_robots_topics(tmp_path: Path, port: int, peer: Callable[[], Peer]) -> None:
+    with router(port), node(tmp_path, port, "servo-jog"):
+        seen = peer()
+        until(lambda: "/servo_jog/robot_description" in seen.topics(), what="the topics")
+        topics = seen.topics()
+        assert topics["/servo_jog/joint_states"] == "sensor_msgs/msg/JointState"
+        assert topics["/servo_jog/robot_description"] == "std_msgs/msg/String"
+        assert topics["/servo_jog/finger/position_command/sent"] == "sensor_msgs/msg/JointState"
+        assert {topics["/tf"], topics["/tf_static"]} == {TF}
+        assert topics["/diagnostics"] == "diagnostic_msgs/msg/DiagnosticArray"
+        assert [token.rpartition("/")[2] for token in seen.tokens("NN")] == ["servo_jog"]
+        assert not seen.tokens("SS"), "commands are off by default"
+        assert not [token for token in seen.tokens("MS") if "servo_jog" in token]
+        joints = seen.echo("/servo_jog/joint_states", "sensor_msgs/msg/JointState")
+        assert joints.name == ["proximal", "distal"]
+        now = joints.header.stamp.sec + joints.header.stamp.nanosec * 1e-9
+        assert abs(time.time() - now) < 5.0
+        assert seen.echo("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray").status[0].name == "servo-jog"
+        # These were sent before this peer was there.
+        text = seen.echo("/servo_jog/robot_description", "std_msgs/msg/String", latched=True).data
+        model = pin.buildModelFromXML(text)
+        assert set(joints.name) <= set(model.names)
+        static = seen.echo("/tf_static", TF, latched=True).transforms
+        moving = seen.echo("/tf", TF).transforms
+        frames = {t.child_frame_id for t in [*static, *moving]}
+        links = {frame.name for frame in model.frames if frame.type == pin.BODY}
+        assert links - frames <= {"universe", "srl_root", "finger"}
+
+
+def test_a_peer_moves_the_limb_only_where_the_profile_lets_it(
+    tmp_path: Path, port: int, peer: Callable[[], Peer]
+) -> None:
+    with router(port), node(tmp_path, port, "servo-jog", commands=True) as run:
+        seen = peer()
+        until(lambda: len(seen.tokens("SS")) == 3, what="the services")
+        assert seen.trigger("/servo_jog/stop") == (True, "")
+        run.until(lambda: run.header("state") in (State.STOPPING, State.STOPPED), "the stop")
+        until(lambda: seen.trigger("/servo_jog/reset")[0], pause=0.3, what="the reset")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
+        kind = "std_msgs/msg/Float64MultiArray"
+        layout = STORE.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+        key = f"0/servo_jog/client/position/commands/{dds_type(kind)}/RIHS01_{HASHES[kind]}"
+        place = run.layout.fields["client.position"]
+
+        def send(values: list[float]) -> None:
+            message = STORE.types[kind](layout=layout, data=np.array(values))
+            seen.manager.session.put(key, bytes(STORE.serialize_cdr(message, kind)), attachment=bytes(33))
+
+        def setpoint() -> list[float]:
+            row = run.reader.newest()
+            assert row is not None
+            return [float(v) for v in run.layout.value(row, place.name)]
+
+        until(lambda: setpoint() == [0.1, 0.2], lambda: send([0.1, 0.2]), what="the setpoint")
+        for wrong in ([0.3], [0.3, np.nan], [0.3, 1e300]):
+            send(wrong)
+        until(lambda: setpoint() == [0.05, 0.1], lambda: send([0.05, 0.1]), what="the next one")
+
+
+def test_a_lost_router_is_found_again_and_the_run_goes_on(tmp_path: Path, port: int, peer: Callable[[], Peer]) -> None:
+    with node(tmp_path, port, "servo-jog") as run:  # it begins without one
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
+        for _ in range(2):
+            with router(port):
+                session = zenoh.open(
+                    zenoh.Config.from_json5(
+                        json.dumps({"mode": "client", "connect": {"endpoints": [f"tcp/127.0.0.1:{port}"]}})
+                    )
+                )
+                try:
+                    until(
+                        lambda: any(
+                            reply.ok is not None
+                            for reply in session.liveliness().get("@ros2_lv/0/*/0/0/NN/**", timeout=0.5)  # noqa: B023
+                        ),
+                        what="the node",
+                    )
+                finally:
+                    session.close()
+        assert run.header("state") == State.ACTIVE
+
+
+def test_two_runs_have_namespaces_of_their_own(tmp_path: Path, port: int, peer: Callable[[], Peer]) -> None:
+    with (
+        router(port),
+        node(tmp_path, port, "servo-jog", "--instance", "left"),
+        node(tmp_path, port, "servo-jog", "--instance", "right", namespace="/worn/right"),
+    ):
+        seen = peer()
+        wanted = {"/left/joint_states", "/worn/right/joint_states"}
+        until(lambda: wanted <= set(seen.topics()), what="both")
+
+
+def test_a_killed_node_comes_back_and_costs_no_cycle(tmp_path: Path, port: int, peer: Callable[[], Peer]) -> None:
+    with router(port), node(tmp_path, port, "servo-jog") as run:
+        seen = peer()
+        until(lambda: "/tf" in seen.topics(), what="the topics")
+        os.kill(run.children()["ros2"], signal.SIGKILL)
+        until(lambda: "/tf" not in seen.topics(), what="their end")
+        until(lambda: "/tf" in seen.topics(), what="their return")
+        assert run.header("state") == State.ACTIVE
