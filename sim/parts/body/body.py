@@ -28,7 +28,7 @@ _SKIN: Final = {"rgba": "0.85 0.68 0.58 1", "friction": (0.8, 0.005, 0.0001)}
 
 
 class BodyConfig(PartConfig):
-    """Options. `position` and `quaternion` place the origin of the suit's world, on the floor, in the cell."""
+    """Options. `at` places the origin of the suit's world, on the floor, in the cell."""
 
     skeleton: Kind = Field(default="axis-neuron", description="the tree of joints")
     script: Script | Literal["actions"] = Field(
