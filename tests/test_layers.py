@@ -36,7 +36,7 @@ LAYERS: dict[str, set[str]] = {
     "srl.runtime.recorder": LOOP | {"srl.runtime.pictures"},
     "srl.runtime.service": LOOP,
     "srl.runtime.web": LOOP | {"srl.runtime.bus", "srl.runtime.pictures", "srl.runtime.recorder"},
-    "srl.runtime.export": LOOP | {"srl.runtime.pictures"},
+    "srl.runtime.export": LOOP | {"srl.runtime.pictures", "srl.runtime.ros2"},
     "srl.runtime.testing": LOOP,
     "srl.runtime.cli": SERVICE | {"srl.runtime.export"},
     "srl.drivers": DATA | {"srl.runtime.recording"},

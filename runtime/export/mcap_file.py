@@ -1,9 +1,10 @@
-"""A recording as MCAP with ROS 2's messages: a topic for each signal, and the frames as transforms.
+"""A recording as MCAP with ROS 2's messages: a topic for each signal, the robot's joints, frames, links and URDF.
 
 Topics are named as on the bus: `/finger/position_command`. A channel's metadata has the signal's name, unit, labels and
-components, as the bus's metadata has them. `/tf_static` and `/tf` hold the frames, `/rosout` the events, `/loop/cycle`
-and `/loop/devices/NAME` the int64 words, whose names are in the channel's metadata. The whole layout is attached as
-`layout.json`. A message's sequence number is the row's. Its log time is the loop's clock in Unix time. So nothing is
+components, as the bus's metadata has them. `/tf_static` and `/tf` hold the frames and links, `/joint_states` and
+`/robot_description` the robot, `/rosout` the events, `/loop/cycle` and `/loop/devices/NAME` the header fields, whose
+names are in the channel's metadata. The whole layout is attached as `layout.json`. A message's sequence number is the
+row's. Its log time is the loop's clock in Unix time, its header's stamp the time of the device's sample. So nothing is
 left out.
 """
 
@@ -19,29 +20,32 @@ from numpy.typing import NDArray
 
 from srl.runtime import __version__
 from srl.runtime.contracts.errors import RecordingError
-from srl.runtime.contracts.frames import FrameEntry, as_pose, is_pose
-from srl.runtime.contracts.rotation import Pose, composed
 from srl.runtime.export.report import Report, needed, whole_file
 from srl.runtime.ipc.events import Level
 from srl.runtime.ipc.header import CYCLE, DEVICE
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.messages import cdr
-from srl.runtime.messages.messages import Encoder, describe, time_of
+from srl.runtime.messages.messages import JOINT_STATE, STRING, Encoder, describe, time_of
 from srl.runtime.profile.keys import path
 from srl.runtime.recording.reader import Recording
+from srl.runtime.recording.robots import robots
+from srl.runtime.ros2.joints import Joints, moved_by_devices
+from srl.runtime.ros2.names import TF
+from srl.runtime.ros2.tree import Tree
+from srl.runtime.ros2.urdf import description
 
 ROWS: Final = 512  # whose messages are made at a time
 WORDS: Final = "std_msgs/msg/Int64MultiArray"
-TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
 LOG: Final = "rcl_interfaces/msg/Log"
 LEVELS: Final = {Level.INFO: 20, Level.WARNING: 30, Level.ERROR: 40}  # of LOG
 LATCHED: Final = (
     "- {history: 1, depth: 1, reliability: 1, durability: 1, deadline: {sec: 0, nsec: 0}, lifespan: {sec: 0, nsec: 0}, "
     "liveliness: 1, liveliness_lease_duration: {sec: 0, nsec: 0}, avoid_ros_namespace_conventions: false}"
 )  # ROS 2's quality of service of a topic whose last message is kept for those that come later
-ROOT: Final = "root"  # the parent of the frames that have none
 
-Payloads = NDArray[np.uint8] | list[bytes | None]
+LINKS: Final = 10_000_000  # ns between two messages of joints and links, which the signals give in each row
+
+Payloads = NDArray[np.uint8]
 
 
 class _Channels:
@@ -79,23 +83,16 @@ def write(recording: Recording, target: Path) -> Report:
         writer.add_attachment(first, first, "layout.json", "application/json", layout.text.encode())
         metadata = {"name": str(layout.meta.get("name", "")), "missing": json.dumps(recording.missing)}
         writer.add_metadata("srl", metadata)
-        fixed, measured = _frames(layout)
-        if fixed:
-            _send_fixed(channels, fixed, first)
-        sources = [*_words(channels, layout), *_signals(channels, layout)]
-        moving = channels.add("/tf", TRANSFORMS, {}) if measured else None
+        robot = _Robot(channels, layout, wall, first)
+        sources = [*_words(channels, layout), *_signals(channels, layout, wall)]
         for at in range(0, len(recording.rows), ROWS):
             rows, sequence = recording.rows[at : at + ROWS], recording.sequence[at : at + ROWS].tolist()
             stamps = layout.header(rows, "now") + wall
             blocks: list[tuple[int, Payloads]] = [(channel, make(rows, stamps)) for channel, make in sources]
-            if moving is not None:
-                blocks.append((moving, list(_transforms(layout, measured, rows, stamps))))
             for i, (number, stamp) in enumerate(zip(sequence, stamps.tolist(), strict=True)):
                 for channel, payloads in blocks:
-                    payload = payloads[i]
-                    if payload is not None:
-                        data = payload if isinstance(payload, bytes) else payload.tobytes()
-                        writer.add_message(channel, stamp, data, stamp, number)
+                    writer.add_message(channel, stamp, payloads[i].tobytes(), stamp, number)
+                robot.write(rows[i], stamp, number)
         _send_events(channels, recording, wall)
         writer.finish()
     return Report([target], f"{len(recording.rows)} rows, {channels.count} topics")
@@ -117,8 +114,8 @@ def _words(channels: _Channels, layout: Layout) -> Iterator[tuple[int, Any]]:
         yield channels.add(topic, WORDS, {"labels": list(names)}), make
 
 
-def _signals(channels: _Channels, layout: Layout) -> Iterator[tuple[int, Any]]:
-    """The signals, with the bus's messages."""
+def _signals(channels: _Channels, layout: Layout, wall: int) -> Iterator[tuple[int, Any]]:
+    """The signals, with the bus's messages. A header has the time of the device's sample."""
     topics: dict[str, str] = {}
     for field in layout.fields.values():
         topic = f"/{path(field.name)}"
@@ -129,49 +126,57 @@ def _signals(channels: _Channels, layout: Layout) -> Iterator[tuple[int, Any]]:
         encoder = Encoder(field)
         about = {k: v for k, v in describe(field).items() if k != "type" and v is not None}
 
-        def make(rows: Words, stamps: Words, name: str = field.name, encoder: Encoder = encoder) -> NDArray[np.uint8]:
-            return encoder.encode_all(layout.value(rows, name), stamps)
+        device = field.name.partition(".")[0]
+        sampled = f"{device}.stamp" if field.role == "state" and device in layout.devices else "now"
+
+        def make(
+            rows: Words, stamps: Words, name: str = field.name, encoder: Encoder = encoder, sampled: str = sampled
+        ) -> NDArray[np.uint8]:
+            taken = layout.header(rows, sampled)
+            return encoder.encode_all(layout.value(rows, name), np.where(taken < 0, stamps, taken + wall))
 
         yield channels.add(topic, encoder.kind, about), make
 
 
-def _frames(layout: Layout) -> tuple[dict[str, FrameEntry], dict[str, FrameEntry]]:
-    """The frames that are fixed in their parents, and the measured ones. A root has no transform."""
-    entries = {n: FrameEntry.recorded(f) for n, f in layout.meta.get("frames", {}).items()}
-    measured = {n: e for n, e in entries.items() if e.pose in layout.fields}
-    return {n: e for n, e in entries.items() if n not in measured and e.parent is not None}, measured
+class _Robot:
+    """The frames and links of the run, its joints and its URDF, as ROS 2 expects them."""
 
+    def __init__(self, channels: _Channels, layout: Layout, wall: int, first: int) -> None:
+        found = moved_by_devices(robots(layout), layout)
+        self._layout, self._wall = layout, wall
+        self._tree, self._joints = Tree(layout, found), Joints(layout, found)
+        self._writer, self._due = channels.writer, 0
+        moves = {bool(edge.signal) for edge in self._tree.edges if edge.moves}
+        self._frames, self._links = True in moves, False in moves
+        self._tf = channels.add("/tf", TF, {}) if moves else -1
+        self._states = channels.add("/joint_states", JOINT_STATE, {}) if self._joints.names else -1
+        static = self._tree.static(first)
+        if static["transforms"]:
+            self._latched(channels, "/tf_static", TF, static, first)
+        if found:
+            limits = {
+                name: {**given, "labels": layout.fields[name].labels}
+                for name, given in layout.meta.get("limits", {}).items()
+                if name in layout.fields
+            }
+            text = description(str(layout.meta.get("name", "robot")), self._tree, self._joints, limits)
+            self._latched(channels, "/robot_description", STRING, {"data": text}, first)
 
-def _transform(name: str, entry: FrameEntry, pose: Pose, stamp: int) -> cdr.Message:
-    x, y, z, qw, qx, qy, qz = pose
-    return {
-        "header": {"stamp": time_of(stamp), "frame_id": entry.parent or ROOT},
-        "child_frame_id": name,
-        "transform": {
-            "translation": {"x": x, "y": y, "z": z},
-            "rotation": {"x": qx, "y": qy, "z": qz, "w": qw},
-        },
-    }
+    def _latched(self, channels: _Channels, topic: str, kind: str, message: cdr.Message, stamp: int) -> None:
+        channel = channels.add(topic, kind, {"offered_qos_profiles": LATCHED})
+        self._writer.add_message(channel, stamp, cdr.encode(kind, message), stamp, 0)
 
-
-def _send_fixed(channels: _Channels, fixed: dict[str, FrameEntry], stamp: int) -> None:
-    found = [_transform(name, entry, entry.placed(), stamp) for name, entry in fixed.items()]
-    about = {"offered_qos_profiles": LATCHED}
-    payload = cdr.encode(TRANSFORMS, {"transforms": found})
-    channels.writer.add_message(channels.add("/tf_static", TRANSFORMS, about), stamp, payload, stamp, 0)
-
-
-def _transforms(layout: Layout, measured: dict[str, FrameEntry], rows: Words, stamps: Words) -> Iterator[bytes | None]:
-    """The measured frames in their parents, a message a row. What isn't seen in a row isn't in its message."""
-    values = {name: layout.value(rows, str(entry.pose)) for name, entry in measured.items()}
-    mounts = {name: entry.placed() for name, entry in measured.items()}
-    for i, stamp in enumerate(stamps.tolist()):
-        found = [
-            _transform(name, entry, composed(mounts[name], as_pose(values[name][i])), stamp)
-            for name, entry in measured.items()
-            if is_pose(values[name][i])
-        ]
-        yield cdr.encode(TRANSFORMS, {"transforms": found}) if found else None
+    def write(self, row: Words, stamp: int, number: int) -> None:
+        """Writes what moves: frames in each row, links and joints at most every LINKS ns. `stamp`: the row's."""
+        found = self._tree.moving(row, self._wall, links=False)["transforms"] if self._frames else []
+        if stamp >= self._due:
+            self._due = stamp + LINKS
+            if self._links:
+                found += self._tree.moving(row, self._wall, links=True)["transforms"]
+            if self._states >= 0 and (made := self._joints.message(row, self._wall)) is not None:
+                self._writer.add_message(self._states, stamp, cdr.encode(JOINT_STATE, made[1]), stamp, number)
+        if found:
+            self._writer.add_message(self._tf, stamp, cdr.encode(TF, {"transforms": found}), stamp, number)
 
 
 def _send_events(channels: _Channels, recording: Recording, wall: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from srl.runtime.messages import cdr
 from srl.runtime.messages.messages import time_of
 from srl.runtime.recording.robots import Robot
 from srl.runtime.recording.shapes import Placing
+
+ROOT: Final = "root"  # the parent of a measured frame that has none
 
 
 @dataclass(frozen=True)
@@ -56,10 +59,11 @@ class Tree:
                 child = frame_of(robot, number)
                 found.setdefault(child, Edge(up, child, link.pose, robot, number))
         for name, entry in Placing(layout).frames.items():
-            if entry.parent is not None:
-                signal = entry.pose if entry.pose in layout.fields else ""
-                found.setdefault(name, Edge(entry.parent, name, entry.placed(), signal=signal or ""))
+            signal = entry.pose if entry.pose in layout.fields else None
+            if entry.parent is not None or signal is not None:
+                found.setdefault(name, Edge(entry.parent or ROOT, name, entry.placed(), signal=signal or ""))
         self.edges = tuple(found.values())
+        self._moving = [edge for edge in self.edges if edge.moves]
         parents = dict.fromkeys(edge.parent for edge in self.edges)
         self.roots = tuple(name for name in parents if name not in found)
 
@@ -67,15 +71,18 @@ class Tree:
         """What doesn't move, as tf2_msgs/msg/TFMessage. `stamp`: Unix ns."""
         return {"transforms": [_stamped(e, e.pose, stamp) for e in self.edges if not e.moves]}
 
-    def moving(self, row: NDArray[np.int64], wall: int) -> cdr.Message:
-        """What moves, in a row (width,), as tf2_msgs/msg/TFMessage; what isn't known isn't in it."""
-        return {"transforms": [_stamped(e, pose, stamp + wall) for e, pose, stamp in self._moved(row) if stamp >= 0]}
+    def moving(self, row: NDArray[np.int64], wall: int, links: bool | None = None) -> cdr.Message:
+        """What moves, in a row (width,), as tf2_msgs/msg/TFMessage; what isn't known isn't in it.
 
-    def _moved(self, row: NDArray[np.int64]) -> Iterator[tuple[Edge, Pose, int]]:
+        `links`: the robots' links alone, or the profile's frames alone; None: both.
+        """
+        edges = [e for e in self._moving if links is None or links is not bool(e.signal)]
+        found = self._moved(edges, row)
+        return {"transforms": [_stamped(e, pose, stamp + wall) for e, pose, stamp in found if stamp >= 0]}
+
+    def _moved(self, edges: list[Edge], row: NDArray[np.int64]) -> Iterator[tuple[Edge, Pose, int]]:
         of: dict[str, Array] = {}
-        for edge in self.edges:
-            if not edge.moves:
-                continue
+        for edge in edges:
             if edge.signal:
                 measured = as_pose(self._layout.value(row, edge.signal))
                 pose, signal = rotation.composed(edge.pose, measured), edge.signal

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pyarrow.parquet as pq
 import pytest
 from helpers.recording import make_layout, make_rows
@@ -20,6 +21,7 @@ from srl.runtime.export import formats, parquet_file, report
 from srl.runtime.ipc.events import Event, Level
 from srl.runtime.ipc.header import LINK_CONNECTED
 from srl.runtime.ipc.layout import Layout
+from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.pictures.figure import draw
 from srl.runtime.profile import profile, wiring
 from srl.runtime.recording.elements import elements
@@ -149,6 +151,33 @@ def test_mcap_has_every_number_for_readers_of_ros_2(reader: str, tmp_path: Path)
             assert np.allclose([at.x, at.y, at.z], expected, atol=1e-12)
     ((_, event),) = found["/rosout"]
     assert (event.msg, event.level, event.function) == (recording.events[0].text, 30, "cycle 100")
+
+
+def test_mcap_has_the_robot_with_the_time_of_its_samples(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    graph = wiring.build(*profile.load("so101"), [])
+    step, rows = Lockstep(graph), []
+    for _ in range(40):
+        step.step()
+        rows.append(graph.row.words.copy())
+    layout = graph.layout
+    recording = Recording(tmp_path / "made-up.rrd", layout, np.arange(40), np.array(rows), [], [], 0)
+    formats.write("mcap", recording, tmp_path / "run.mcap")
+    found = _by_mcap(tmp_path / "run.mcap")
+    ((_, described),) = found["/robot_description"]
+    model = pin.buildModelFromXML(described.data)
+    _, joints = found["/joint_states"][-1]
+    assert set(joints.name) <= set(model.names)
+    frames = {t.child_frame_id for topic in ("/tf", "/tf_static") for _, m in found[topic] for t in m.transforms}
+    bodies = {frame.name for frame in model.frames if frame.type == pin.BODY}
+    assert bodies - frames <= {"universe", *(name for name in bodies if "/" not in name)}
+    wall = layout.meta["wall"]
+    sampled = recording.int("arm.stamp")
+    assert (sampled < recording.int("now"))[5:].any(), "a sample is older than its row"
+    for (logged, message), taken, now in zip(found["/arm/position"], sampled, recording.int("now"), strict=True):
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        assert stamp == wall + (taken if taken >= 0 else now)
+        assert logged == wall + now
 
 
 def test_mcap_names_elements_and_units_and_holds_the_layout(tmp_path: Path) -> None:
