@@ -30,6 +30,7 @@ _HEADER = ("header", "std_msgs/msg/Header")
 # Message definitions: (field, type). A type ends in [] for a sequence, in [n] for an array.
 TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "builtin_interfaces/msg/Time": (("sec", "int32"), ("nanosec", "uint32")),
+    "builtin_interfaces/msg/Duration": (("sec", "int32"), ("nanosec", "uint32")),
     "std_msgs/msg/Header": (("stamp", "builtin_interfaces/msg/Time"), ("frame_id", "string")),
     "std_msgs/msg/Bool": (("data", "bool"),),
     "std_msgs/msg/String": (("data", "string"),),
@@ -99,6 +100,18 @@ TYPES: dict[str, tuple[tuple[str, str], ...]] = {
         ("position", "float64[]"),
         ("velocity", "float64[]"),
         ("effort", "float64[]"),
+    ),
+    "trajectory_msgs/msg/JointTrajectoryPoint": (
+        ("positions", "float64[]"),
+        ("velocities", "float64[]"),
+        ("accelerations", "float64[]"),
+        ("effort", "float64[]"),
+        ("time_from_start", "builtin_interfaces/msg/Duration"),
+    ),
+    "trajectory_msgs/msg/JointTrajectory": (
+        _HEADER,
+        ("joint_names", "string[]"),
+        ("points", "trajectory_msgs/msg/JointTrajectoryPoint[]"),
     ),
     "sensor_msgs/msg/Joy": (_HEADER, ("axes", "float32[]"), ("buttons", "int32[]")),
     "diagnostic_msgs/msg/KeyValue": (("key", "string"), ("value", "string")),

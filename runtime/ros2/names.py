@@ -13,6 +13,7 @@ from srl.runtime.messages import messages
 
 TF: Final = "tf2_msgs/msg/TFMessage"
 TRIGGER: Final = "std_srvs/srv/Trigger"
+TRAJECTORY: Final = "trajectory_msgs/msg/JointTrajectory"
 
 # RIHS01 of REP 2016, the same in Jazzy, Kilted and Lyrical (a test computes them anew).
 HASHES: Final = {
@@ -24,6 +25,7 @@ HASHES: Final = {
     messages.STRING: "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
     messages.DIAGNOSTICS: "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
     TF: "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    TRAJECTORY: "179b33eba59d676f6d967ac71fe35e7ca2f64b2f3928f4a018cec115e213796e",
     TRIGGER: "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
 }
 _UNHASHED: Final = "TypeHashNotSupported"  # what Humble says in a hash's place

@@ -21,6 +21,7 @@ from srl.runtime.bus.client import Client, connect
 from srl.runtime.bus.status import Reporter
 from srl.runtime.contracts.errors import RequestError, SrlError
 from srl.runtime.contracts.field import Field
+from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.child import Ending
 from srl.runtime.ipc.header import CYCLE, DEVICE
 from srl.runtime.ipc.layout import Layout
@@ -30,8 +31,9 @@ from srl.runtime.messages import cdr, messages
 from srl.runtime.profile.bus import BusConfig
 from srl.runtime.profile.keys import COMMANDS, slug
 from srl.runtime.recording.robots import robots
+from srl.runtime.ros2.follower import Follower
 from srl.runtime.ros2.joints import Joints, moved_by_devices
-from srl.runtime.ros2.names import TF, TRIGGER, Qos, token
+from srl.runtime.ros2.names import TF, TRAJECTORY, TRIGGER, Qos, token
 from srl.runtime.ros2.node import Node, Publisher
 from srl.runtime.ros2.tree import Tree
 from srl.runtime.ros2.urdf import description
@@ -57,6 +59,7 @@ class Ros2:
         self._ring.sequence = self._ring.head
         self._wall = int(layout.meta["wall"])
         self._period = round(1e9 / config.ros2.rate)
+        self._followers: dict[str, Follower] = {}  # by setpoint
         self._refused = ""  # why a setpoint was refused last
         self._reporter = Reporter(run_folder.path.name, layout)
         found = moved_by_devices(robots(layout), layout)
@@ -99,6 +102,11 @@ class Ros2:
             topic = "/".join(token(part) for part in entry["name"].split("."))
             for kind, last in ((messages.MULTI_ARRAY, "commands"), (messages.JOINT_STATE, "joint_commands")):
                 node.subscribe(f"{topic}/{last}", kind, partial(self._setpoint, entry["name"], kind))
+            follower = Follower(layout, entry["name"], partial(self._send, entry["name"]), self._refuse)
+            if follower.able:
+                self._followers[entry["name"]] = follower
+                take = partial(self._trajectory, follower)
+                node.subscribe(f"{topic}/joint_trajectory", TRAJECTORY, take)
 
     def _stamped_by(self, field: Field) -> int:
         device = field.name.partition(".")[0]
@@ -133,9 +141,19 @@ class Ros2:
             values = messages.read_values(
                 sample.payload.to_bytes(), messages.encoding(kind), field, f"topic of '{name}'"
             )
-            self._ask(lambda client: client.setpoint(name, values))
+            if name in self._followers:
+                self._followers[name].cancel("another command came")
+            self._send(name, values)
         except SrlError as error:
             self._refuse(str(error))
+
+    def _send(self, name: str, values: Array) -> None:
+        self._ask(lambda client: client.setpoint(name, values))
+
+    def _trajectory(self, follower: Follower, sample: zenoh.Sample) -> None:
+        row = self._ring.newest()
+        if row is not None:
+            follower.take(sample.payload.to_bytes(), row, time.time_ns(), time.monotonic_ns())
 
     def _refuse(self, text: str) -> None:
         if text != self._refused:  # once, and not at a peer's rate
@@ -163,6 +181,8 @@ class Ros2:
                 if row is not None and len(rows) and now >= due:
                     due = max(due + self._period, now - self._period)
                     self._publish(row)
+                for follower in self._followers.values():
+                    follower.turn(row, now)
                 if now >= diagnosed:
                     diagnosed = now + DIAGNOSED
                     silent = not self._ring.closed and now - self._ring.beat > SILENT

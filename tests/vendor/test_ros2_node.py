@@ -179,6 +179,69 @@ def test_a_peer_moves_the_limb_only_where_the_profile_lets_it(
         until(lambda: setpoint() == [0.05, 0.1], lambda: send([0.05, 0.1]), what="the next one")
 
 
+def test_a_trajectory_moves_the_joints_along_it_and_a_stop_ends_it(
+    tmp_path: Path, port: int, peer: Callable[[], Peer]
+) -> None:
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    key = f"0/servo_jog/client/position/joint_trajectory/{dds_type(kind)}/RIHS01_{HASHES[kind]}"
+
+    def message(*points: tuple[float, tuple[float, float]]) -> bytes:
+        types = STORE.types
+        empty = np.empty(0)
+        made = [
+            types["trajectory_msgs/msg/JointTrajectoryPoint"](
+                positions=np.array(q), velocities=np.zeros(2), accelerations=empty, effort=empty,
+                time_from_start=types["builtin_interfaces/msg/Duration"](sec=int(time), nanosec=round(time % 1 * 1e9)),
+            )
+            for time, q in points
+        ]  # fmt: skip
+        header = types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id="")
+        whole = types[kind](header=header, joint_names=["distal", "proximal"], points=made)
+        return bytes(STORE.serialize_cdr(whole, kind))
+
+    with router(port), node(tmp_path, port, "servo-jog", commands=True) as run:
+        seen = peer()
+        until(lambda: len(seen.tokens("SS")) == 3, what="the services")
+
+        def value(name: str) -> tuple[float, ...]:
+            row = run.reader.newest()
+            assert row is not None
+            return tuple(float(v) for v in run.layout.value(row, name))
+
+        def sent() -> tuple[float, ...]:
+            return value("finger.position_command.sent")
+
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
+        until(lambda: np.isfinite(sent()).all(), what="the first command")
+        begin = sent()
+        session = seen.manager.session
+        session.put(key, message((1.0, (9.0, 9.0))), attachment=bytes(33))  # beyond the limits
+        session.put(key, b"\0\1\0\0nonsense", attachment=bytes(33))
+        seen_at: list[tuple[float, ...]] = []
+
+        def moves() -> bool:
+            seen_at.append(sent())
+            return bool(np.allclose(seen_at[-1], (0.2, 0.4), atol=2e-3))
+
+        session.put(key, message((0.5, (0.2, 0.1)), (2.0, (0.4, 0.2))), attachment=bytes(33))
+        until(moves, what="the end of the trajectory")
+        assert np.linalg.norm(np.array(begin) - (0.2, 0.4)) > 0.1
+        assert np.max(seen_at) < 0.42
+        # It is held, beyond the setpoint's max_age.
+        stamp = run.header("now")
+        until(lambda: run.header("now") > stamp + 1_500_000_000, what="time")
+        assert run.header("state") == State.ACTIVE
+        session.put(key, message((20.0, (0.0, 0.0))), attachment=bytes(33))
+        until(lambda: sent()[1] < 0.39, what="the way back")
+        assert seen.trigger("/servo_jog/stop")[0]
+        run.until(lambda: run.header("state") == State.STOPPED, "the stop")
+        until(lambda: seen.trigger("/servo_jog/reset")[0], pause=0.3, what="the reset")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
+        stood, stamp = sent(), run.header("now")
+        until(lambda: run.header("now") > stamp + 700_000_000, what="time")
+        np.testing.assert_allclose(sent(), stood, atol=5e-3)  # what was asked before the stop isn't gone on with
+
+
 def test_a_lost_router_is_found_again_and_the_run_goes_on(tmp_path: Path, port: int, peer: Callable[[], Peer]) -> None:
     with node(tmp_path, port, "servo-jog") as run:  # it begins without one
         run.until(lambda: run.header("state") == State.ACTIVE, "motion")

@@ -1,0 +1,93 @@
+"""Trajectories are those of ros2_control: through their points, as smooth as they are given, in limits or refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import BPoly
+
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ros2.trajectory import Trajectory
+
+NAMES = ("a", "b")
+
+
+def point(time: float, q: Any, v: Any = (), a: Any = ()) -> dict[str, Any]:
+    whole = round(time * 1e9)
+    return {
+        "positions": np.array(q, float), "velocities": np.array(v, float), "accelerations": np.array(a, float),
+        "effort": np.empty(0), "time_from_start": {"sec": whole // 10**9, "nanosec": whole % 10**9},
+    }  # fmt: skip
+
+
+def made(*points: dict[str, Any], names: Any = NAMES, start: Any = (0.0, 0.0)) -> Trajectory:
+    return Trajectory({"joint_names": list(names), "points": list(points)}, NAMES, np.array(start), "here")
+
+
+numbers = st.floats(-3, 3)
+pairs = st.tuples(numbers, numbers)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.1, 2.0), pairs, pairs, pairs), min_size=1, max_size=4), st.sampled_from([1, 3, 5])
+)
+def test_it_is_the_spline_of_another_library(steps: list[Any], degree: int) -> None:
+    times = np.cumsum([step[0] for step in steps])
+    points, knots = [], [[np.zeros(2)] * ((degree + 1) // 2)]
+    for i, (time, (_, q, moving, a)) in enumerate(zip(times, steps, strict=True)):
+        v = (0.0, 0.0) if i == len(steps) - 1 else moving
+        points.append(point(time, q, *((v,) if degree > 1 else ()), *((a,) if degree > 3 else ())))
+        knots.append([np.array(x) for x in (q, v, a)][: (degree + 1) // 2])
+    ours = made(*points)
+    exact = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    theirs = BPoly.from_derivatives([0.0, *exact], knots)
+    for time in np.linspace(0.0, ours.end * (1 - 1e-9), 23):
+        q, dq = ours.at(float(time))
+        np.testing.assert_allclose(q, theirs(time), atol=1e-7)
+        np.testing.assert_allclose(dq, theirs.derivative()(time), atol=1e-5)
+
+
+def test_joints_may_come_in_any_order_and_the_end_is_held() -> None:
+    ours = made(point(1.0, (2.0, 1.0)), names=("b", "a"))
+    np.testing.assert_allclose(ours.at(0.5)[0], (0.5, 1.0))
+    np.testing.assert_allclose(ours.at(9.0)[0], (1.0, 2.0))
+    assert not ours.at(9.0)[1].any()
+
+
+def test_a_first_point_at_0_is_where_it_begins() -> None:
+    ours = made(point(0.0, (0.3, 0.3)), point(1.0, (1.0, 1.0)))
+    np.testing.assert_allclose(ours.at(0.0)[0], (0.3, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("points", "names", "text"),
+    [
+        ([point(1.0, (1.0, 1.0))], ("a",), "it is for a"),
+        ([point(1.0, (1.0, 1.0))], ("a", "a"), "it is for a, a"),
+        ([], NAMES, "0 points"),
+        ([point(1.0, (1.0,))], NAMES, "point 1 hasn't 2 positions"),
+        ([point(1.0, (1.0, 1.0), (0.0,))], NAMES, "point 1 hasn't"),
+        ([point(1.0, (1.0, np.nan))], NAMES, "isn't finite"),
+        ([point(1.0, (1.0, 1.0)), point(1.0, (1.0, 1.0))], NAMES, "the time of point 2"),
+        ([point(-1.0, (1.0, 1.0))], NAMES, "the time of point 1"),
+        ([point(1e5, (1.0, 1.0))], NAMES, "the time of point 1"),
+        ([point(1.0, (1.0, 1.0), (0.5, 0.0))], NAMES, "doesn't end at rest"),
+    ],
+)
+def test_what_cant_be_followed_is_refused(points: list[Any], names: Any, text: str) -> None:
+    with pytest.raises(RequestError, match=text):
+        made(*points, names=names)
+
+
+def test_limits_are_looked_at_all_along() -> None:
+    limits = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 2.0)
+    made(point(1.0, (0.9, -0.9), (0.0, 0.0))).check(*limits, NAMES, "here")
+    over = made(point(1.0, (0.9, 0.0), (2.0, 0.0)), point(2.0, (0.9, 0.0), (0.0, 0.0)))
+    with pytest.raises(RequestError, match="'a' leaves its position limits"):  # between two points that are within
+        over.check(*limits, NAMES, "here")
+    with pytest.raises(RequestError, match="'b' leaves its velocity limit"):
+        made(point(0.2, (0.0, 0.9), (0.0, 0.0))).check(*limits, NAMES, "here")
