@@ -34,6 +34,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--parquet", metavar="FILE", type=Path, help="a table: a row a cycle, a column a number")
     parser.add_argument("--mcap", metavar="FILE", type=Path, help="ROS 2's messages, for Foxglove and PlotJuggler")
     parser.add_argument("--c3d", metavar="FILE", type=Path, help="a body's points and the devices' other numbers")
+    parser.add_argument("--mat", metavar="FILE", type=Path, help="all signals, for MATLAB")
+    parser.add_argument("--trc", metavar="FILE", type=Path, help="a body's points, for OpenSim")
+    parser.add_argument("--mot", metavar="FILE", type=Path, help="joint positions in degrees, for OpenSim")
     parser.add_argument("--bids", metavar="FOLDER", type=Path, help="a data set in BIDS-Motion, made or added to")
     parser.add_argument("--person", metavar="ID", help="with --bids: whose it is, where the recording doesn't say")
     parser.add_argument("--bvh", metavar="FILE", type=Path, help="the moving skeleton (law skeleton)")
@@ -84,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         ):
             raise RequestError(f"--{form}", f"{target} is a recording, and would be lost", "Choose another name")
     for option, needed in (
-        ("rate", ("bvh", "film", "c3d")), ("person", ("bids",)), ("law", ("bvh",)), ("page", ("bvh",)),
+        ("rate", ("bvh", "film", "c3d", "trc", "mot")), ("person", ("bids",)), ("law", ("bvh",)), ("page", ("bvh",)),
         ("at", ("stills",)), ("names", ("stills",)), ("side", ("stills", "film")), ("between", ("film",)),
         ("show", ("stills", "film", "tree", "page")),
     ):  # fmt: skip

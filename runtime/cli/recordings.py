@@ -16,7 +16,7 @@ from srl.runtime.contracts.errors import RecordingError, RequestError, SrlError,
 if TYPE_CHECKING:
     from srl.runtime.recording.index import Entry
 
-FORMATS = ("parquet", "mcap", "c3d", "bids")
+FORMATS = ("parquet", "mcap", "c3d", "mat", "trc", "mot", "bids")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -12,17 +12,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.field import Field
-from srl.runtime.contracts.signals import Array
+from srl.runtime.export.body_points import BodyPoints, body_points
 from srl.runtime.export.frames_in_time import Grid, grid
 from srl.runtime.export.report import Report, listed, needed, whole_file
-from srl.runtime.ipc.layout import Layout
 from srl.runtime.recording.elements import elements
 from srl.runtime.recording.reader import Recording
-from srl.runtime.recording.shapes import JOINTED, Placing
 
 MOST_FRAMES: Final = 65535  # that a C3D file's header counts
 MOST_CHANNELS: Final = 255  # names that a C3D parameter holds
@@ -42,22 +39,19 @@ def write(recording: Recording, target: Path, rate: Fraction | None = None) -> R
     """
     ezc3d = needed("ezc3d", "--c3d")
     layout = recording.layout
-    points = [f for f in layout.fields.values() if _is_points(f)]
-    if not points:
-        problem = "no markers and no other points of a body are recorded"
-        raise RecordingError(str(recording.path), problem, "Use --parquet or --mcap")
     frames = grid(recording, rate)
+    points = body_points(recording, frames)
     if len(frames.rows) > MOST_FRAMES:
         problem = f"it would have {len(frames.rows)} frames, and a C3D file holds {MOST_FRAMES}"
         raise RecordingError(str(target), problem, f"Write fewer a second: --rate {_fitting(recording)}")
-    analogs = [f for f in layout.fields.values() if f.role == "state" and f not in points and f.size]
+    analogs = [f for f in layout.fields.values() if f.role == "state" and f.name not in points.fields and f.size]
     while sum(f.size for f in analogs) > MOST_CHANNELS:
         analogs.remove(max(analogs, key=lambda f: f.size))
-    labels = [f"{f.name}:{name}" if name else f.name for f in points for name in _row_names(f)]
+    labels = points.names
     channels = [e for f in analogs for e in elements(f)]
     _check_names(target, [*labels, *(e.name for e in channels)], len(labels))
     made = ezc3d.c3d()
-    _add(made, recording, frames, points, labels, analogs, channels)
+    _add(made, recording, frames, points, analogs, channels)
     with whole_file(target) as part:
         try:
             made.write(str(part))
@@ -66,20 +60,7 @@ def write(recording: Recording, target: Path, rate: Fraction | None = None) -> R
     content = (
         f"{len(frames.rows)} frames of {len(labels)} points and {len(channels)} channels, {frames.rate:g} a second"
     )
-    return Report([target], content, _left_out(recording, frames, {f.name for f in (*points, *analogs)}))
-
-
-def _is_points(field: Field) -> bool:
-    """Whether it is points of a body: x, y, z in m, drawn as points. A suit's translations aren't: they are steps."""
-    if field.unit != "m" or field.shape[-1:] != (3,) or len(field.shape) > 2 or not field.size:
-        return False
-    return field.visual in JOINTED
-
-
-def _row_names(field: Field) -> list[str]:
-    if len(field.shape) == 1:
-        return [""]
-    return list(field.labels) if len(field.labels) == field.shape[0] else [str(i) for i in range(field.shape[0])]
+    return Report([target], content, _left_out(recording, frames, points.fields | {f.name for f in analogs}))
 
 
 def _fitting(recording: Recording) -> int:
@@ -97,13 +78,10 @@ def _check_names(target: Path, names: list[str], points: int) -> None:
 
 
 def _add(
-    made: Any, recording: Recording, frames: Grid, points: list[Field], labels: list[str], analogs: list[Field],
-    channels: list[Any],
+    made: Any, recording: Recording, frames: Grid, points: BodyPoints, analogs: list[Field], channels: list[Any]
 ) -> None:  # fmt: skip
     layout, rows = recording.layout, recording.rows[frames.rows]
-    placed = np.concatenate([_in_root(layout, f, rows) for f in points], axis=1) * 1000.0  # (k, points, 3), mm
-    measured = np.concatenate([_measured(recording, f) for f in points], axis=1)[frames.rows]
-    seen: NDArray[np.bool_] = np.isfinite(placed).all(axis=2) & measured & frames.there[:, None]
+    labels, placed, seen = points.names, points.placed, points.seen
     data = np.ones((4, len(labels), len(rows)))
     data[:3] = np.where(seen[..., None], placed, 0.0).transpose(2, 1, 0)
     parameters = made["parameters"]
@@ -119,32 +97,6 @@ def _add(
     made["data"]["analogs"] = (np.concatenate(values, axis=1) if values else np.zeros((len(rows), 0))).T[None]
     made.add_parameter("SRL", "PROFILE", str(layout.meta.get("name", "")))
     made.add_parameter("SRL", "SHA256", str(layout.meta.get("sha256", "")))
-
-
-def _in_root(layout: Layout, field: Field, rows: NDArray[np.int64]) -> Array:
-    """(k, points, 3) in the root's coordinates, m. NaN while a frame on the way isn't known."""
-    values = layout.value(rows, field.name).reshape(len(rows), -1, 3)
-    placing = Placing(layout)
-    frame, measured = field.frame, False
-    while frame in placing.frames:
-        measured = measured or placing.frames[frame].pose in layout.fields
-        frame = placing.frames[frame].parent
-    T = np.stack([placing.to_root(row, field.frame) for row in (rows if measured else rows[:1])])
-    moved: Array = values @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-    return moved
-
-
-def _measured(recording: Recording, field: Field) -> NDArray[np.bool_]:
-    """(k, points) whether a point was measured: an occluded marker and a lost device keep their last values."""
-    layout, owner = recording.layout, field.name.partition(".")[0]
-    count = field.shape[0] if len(field.shape) == 2 else 1
-    found: NDArray[np.bool_] = np.ones((len(recording.rows), count), np.bool_)
-    if owner in layout.devices:
-        found &= recording.connected(owner)[:, None]
-    for name in (f"{field.name}_visible", f"{field.name.removesuffix('s')}_visible"):
-        if name in layout.fields and layout.fields[name].shape == (count,):
-            found &= recording.value(name) > 0.5
-    return found
 
 
 def _left_out(recording: Recording, frames: Grid, held: set[str]) -> list[str]:

@@ -11,7 +11,7 @@ from srl.runtime.export.report import Report
 from srl.runtime.recording.reader import Recording
 from srl.runtime.recording.summary import persons
 
-ENDINGS: Final = {"parquet": ".parquet", "mcap": ".mcap", "c3d": ".c3d"}
+ENDINGS: Final = {"parquet": ".parquet", "mcap": ".mcap", "c3d": ".c3d", "mat": ".mat", "trc": ".trc", "mot": ".mot"}
 FORMATS: Final = (*ENDINGS, "bids")
 
 
@@ -24,7 +24,7 @@ def write(
         form: the format.
         recording: what is written.
         target: the file; for `bids` the data set's folder.
-        rate: frames per second, for `c3d`; None: the loop's rate.
+        rate: frames per second, for `c3d`, `trc` and `mot`; None: the loop's rate.
         person: whose it is, for `bids`; None: as the recording says.
     Raises:
         RecordingError: the format can't hold it, or it can't be written.
@@ -43,6 +43,15 @@ def write(
         from srl.runtime.export import c3d_file
 
         return c3d_file.write(recording, target, rate)
+    if form == "mat":
+        from srl.runtime.export import mat_file
+
+        return mat_file.write(recording, target)
+    if form in ("trc", "mot"):
+        from srl.runtime.export import opensim_files
+
+        make = opensim_files.write_trc if form == "trc" else opensim_files.write_mot
+        return make(recording, target, rate)
     from srl.runtime.export import bids_motion
 
     known = persons(recording.layout)

@@ -27,12 +27,18 @@ VERSION: Final = 3  # of the table and of what a summary says
 # of what `srl run --figure`, `srl export` and `srl recordings --export` make
 MADE_OF: Final = (
     *(".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps", ".gif"),
-    *(".parquet", ".mcap", ".c3d", ".bvh"),
+    *(".parquet", ".mcap", ".c3d", ".bvh", ".mat", ".trc", ".mot"),
 )
 # by which such a file says by what it was made; the other kinds don't
 _MARKS: Final = {
     **dict.fromkeys((".png", ".pdf", ".svg", ".eps"), b"Matplotlib"),
-    **{".parquet": b"srl.layout", ".mcap": b"srl-runtime", ".c3d": b"SHA256"},
+    **{
+        ".parquet": b"srl.layout",
+        ".mcap": b"srl-runtime",
+        ".c3d": b"SHA256",
+        ".trc": b"srl-runtime",
+        ".mot": b"srl-runtime",
+    },
 }
 _ENDS: Final = 16 << 20  # bytes of a file's beginning and end, in which its mark is
 _TIMEOUT: Final = 5.0  # s that another program may hold the index

@@ -355,6 +355,64 @@ def test_a_package_that_is_not_installed_is_named_with_its_extra(monkeypatch: py
 
 
 @pytest.mark.slow
+def test_mat_has_every_number_with_its_unit_and_names(tmp_path: Path) -> None:
+    scipy_io = pytest.importorskip("scipy.io")
+    recording = recorded(without=slice(100, 140))
+    assert formats.write("mat", recording, tmp_path / "run.mat").left_out == []
+    found = scipy_io.loadmat(tmp_path / "run.mat", simplify_cells=True)
+    for field in recording.layout.fields.values():
+        if field.size:
+            made = found["signals"][field.name.replace(".", "_")]
+            values = recording.value(field.name).reshape(len(recording.rows), *(field.shape or (1,)))
+            assert same(values, np.asarray(made["values"]).reshape(values.shape)), field.name
+            assert (made["name"], made["unit"]) == (field.name, field.unit)
+            assert [*np.atleast_1d(made.get("labels", []))] == [*field.labels]
+    assert same(recording.int("glove.stamp"), found["header"]["glove_stamp"])
+    assert found["row"].tolist() == recording.sequence.tolist()
+    assert Layout.from_json(found["layout"]).meta == recording.layout.meta
+
+
+def test_trc_has_the_points_of_c3d_as_opensim_reads_them(tmp_path: Path) -> None:
+    pytest.importorskip("ezc3d")
+    import c3d
+
+    recording = recorded(without=slice(100, 140))
+    formats.write("c3d", recording, tmp_path / "run.c3d")
+    formats.write("trc", recording, tmp_path / "run.trc")
+    lines = (tmp_path / "run.trc").read_text().splitlines()
+    rate, _, frames, markers, unit = lines[2].split("\t")[:5]
+    names = lines[3].split("\t")[2::3]
+    assert (unit, int(markers), len(lines) - 6) == ("mm", len([n for n in names if n]), int(frames))
+    with open(tmp_path / "run.c3d", "rb") as file:
+        reader = c3d.Reader(file)
+        assert float(rate) == pytest.approx(reader.point_rate)
+        for line, (_, points, _) in zip(lines[6:], reader.read_frames(), strict=True):
+            cells = line.split("\t")[2:]
+            for i, point in enumerate(points):
+                own = cells[3 * i : 3 * i + 3]
+                if point[3] < 0:
+                    assert own == ["", "", ""]
+                else:
+                    np.testing.assert_allclose([float(cell) for cell in own], point[:3], rtol=1e-6, atol=1e-3)
+
+
+def test_mot_has_the_joints_in_degrees(tmp_path: Path) -> None:
+    recording = recorded()
+    formats.write("mot", recording, tmp_path / "run.mot")
+    text = (tmp_path / "run.mot").read_text()
+    head, _, body = text.partition("endheader\n")
+    assert "inDegrees=yes" in head
+    columns_of, *rows = [line.split("\t") for line in body.splitlines()]
+    assert f"nRows={len(rows)}" in head
+    assert f"nColumns={len(columns_of)}" in head
+    assert len(set(columns_of)) == len(columns_of)
+    table = np.array(rows, float)
+    glove = recording.layout.fields["glove.position"]
+    at = columns_of.index(glove.labels[0].replace(" ", "_"))
+    expected = np.degrees(recording.value("glove.position")[:, 0])
+    np.testing.assert_allclose(table[:, at], expected, rtol=1e-6)
+
+
 def test_exports_and_pictures_are_known_as_made_of_their_recording(tmp_path: Path) -> None:
     (tmp_path / "run.rrd").touch()
     wanted = [f"run{ending}" for ending in (".png", ".pdf", ".svg", ".eps")]
