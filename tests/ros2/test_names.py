@@ -35,14 +35,14 @@ def test_humble_has_no_hash() -> None:
 
 # The examples of ros2/rmw_zenoh, docs/design.md.
 def test_strings_of_the_design_page() -> None:
-    node = NodeName(2, "aac3178e146ba6f1fc6e6a4085e77f21", "", "listener")
-    assert node.alive == "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener"
+    node = NodeName(0, "aac3178e146ba6f1fc6e6a4085e77f21", "", "listener")
+    assert node.alive == "@ros2_lv/0/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener"
     hashed = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
     assert type_hash(messages.STRING, "jazzy") == hashed
-    assert node.data_key("chatter", messages.STRING, hashed) == f"2/chatter/std_msgs::msg::dds_::String_/{hashed}"
-    talker = NodeName(2, SESSION, "", "talker")
+    assert node.data_key("chatter", messages.STRING, hashed) == f"0/chatter/std_msgs::msg::dds_::String_/{hashed}"
+    talker = NodeName(0, SESSION, "", "talker")
     made = talker.entity(10, "MP", "/chatter", messages.STRING, hashed, Qos(depth=7))
-    theirs = f"@ros2_lv/2/{SESSION}/0/10/MP/%/%/talker/%chatter/std_msgs::msg::dds_::String_/{hashed}"
+    theirs = f"@ros2_lv/0/{SESSION}/0/10/MP/%/%/talker/%chatter/std_msgs::msg::dds_::String_/{hashed}"
     assert made.rpartition("/")[0] == theirs
 
 
