@@ -13,6 +13,9 @@ def limb_driver(name: str) -> LimbDrives:
     made = registry.load("limbs", name, place)
     if not (isinstance(made, type) and issubclass(made, LimbDrives)):
         raise HostError(place, "its entry point 'srl.limbs' is no LimbDrives", "Derive it from srl.LimbDrives")
+    if made.driver != name:
+        problem = f"its entry point 'srl.limbs' gives the driver '{made.driver}'"
+        raise HostError(place, problem, f"Name the entry point {made.driver}, or set driver = '{name}'")
     return made()
 
 

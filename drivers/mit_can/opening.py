@@ -310,9 +310,9 @@ class Opening:
 
         On a busy host an answer may be late, and then come with the next one; after a reconnection the answers to the
         last commands may come with the first. Such a crowd is of one motor as well as of two, so it is asked again
-        after a pause in which what is late comes in.
+        after a pause in which what is late comes in, until it comes again or one alone has answered twice.
         """
-        found = list[can.Message]()
+        found, alone = list[can.Message](), 0
         for k in range(2 * TRIES):
             if found:
                 self._gather(lambda _: False, ANSWER)
@@ -322,9 +322,14 @@ class Opening:
             for id, data in question:
                 self._send(id, data)
             if now := self._gather(fits, ANSWER, more):
-                if found or len(now) <= len(question):
-                    return now
-                found = now
+                if len(now) > len(question):
+                    if found:
+                        return now
+                    found = now
+                else:
+                    alone += 1
+                    if not found or alone > 1:
+                        return now
         return found
 
     def _gather(self, fits: Callable[[can.Message], bool], timeout: float, more: float = 0.0) -> list[can.Message]:

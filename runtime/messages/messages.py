@@ -45,6 +45,7 @@ _STAMPED: dict[tuple[str, tuple[int, ...]], str] = {
     ("pose", (7,)): POSE,
 }
 LONGEST_VALUES = 1 << 16  # bytes of a client's payload
+DIMENSIONS = 32  # of an array, at most
 _SENTINEL = -1.2345678901234567e99  # used to find the place of the first value in a payload
 
 
@@ -168,7 +169,9 @@ def values_of(kind: str, message: cdr.Message) -> Array:
     if kind == MULTI_ARRAY:
         data: Array = message["data"]
         shape = [int(dim["size"]) for dim in message["layout"]["dim"]]
-        return data.reshape(shape) if math.prod(shape) == data.size else data
+        # A shape that numpy doesn't know, of a hundred dimensions or of sizes whose product is 0, is no shape.
+        fits = len(shape) <= DIMENSIONS and 0 not in shape and math.prod(shape) == data.size
+        return data.reshape(shape) if fits else data
     raise RequestError(f"payload '{kind}'", "this message carries no values of a signal", f"Send {MULTI_ARRAY}")
 
 

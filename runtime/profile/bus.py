@@ -95,6 +95,16 @@ class BusConfig(BaseModel):
         return self
 
 
+def warnings(config: BusConfig | None) -> list[str]:
+    """What a person should know of who may command the limb."""
+    if config is None or config.ros2 is None or not config.ros2.commands or config.ros2.router.startswith("tls/"):
+        return []
+    return [
+        f"bus.ros2.commands: whoever reaches the router at {config.ros2.router} may move the limb. rmw_zenohd listens "
+        "on every address of the machine, unless its configuration says listen: tcp/127.0.0.1:7447"
+    ]
+
+
 def _is_loopback(host: str) -> bool:
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback

@@ -23,7 +23,7 @@ from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from srl.runtime.contracts.world import World
 from srl.runtime.ipc.row import Row
 from srl.runtime.ipc.stop_slots import SLOTS
-from srl.runtime.profile import buses, calibrated_frames, clearances, controllers, keys, measured_frames, switches
+from srl.runtime.profile import bus, buses, calibrated_frames, clearances, controllers, keys, measured_frames, switches
 from srl.runtime.profile.builder import Builder
 from srl.runtime.profile.declared import check_command, check_range
 from srl.runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
@@ -94,7 +94,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         warnings(profile, source, devices, laws, world, b.simulated,
                {name: each.clearance for name, each in cleared.items()})
         + [f"{b.source.place(place)}: {text}" for place, text in unpictured]
-        + calibrated_frames.warnings(source, b.calibrated, b.profile, b.simulated),
+        + calibrated_frames.warnings(source, b.calibrated, b.profile, b.simulated)
+        + bus.warnings(profile.bus),
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())]
         + carried
         + [f"{b.source.place(place)}: {text}" for place, text in robot_remarks(profile)],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -54,7 +55,9 @@ class Follower:
         self._limits = self._limits_of(field.size)
         self._lock = threading.Lock()
         self._trajectory: Trajectory | None = None
-        self._start = self._due = 0
+        self._row: NDArray[np.int64] | None = None
+        self._start = self._due = self._stops = self._lost = 0
+        self._active = 0  # CLOCK_MONOTONIC ns, since when the limb is seen to move without a break
 
     def _limits_of(self, size: int) -> tuple[Array, Array, Array]:
         """The guard's position and velocity limits, (n,) each; infinite where it has none."""
@@ -68,11 +71,19 @@ class Follower:
 
         return of("lower", -np.inf), of("upper", np.inf), of("velocity", np.inf)
 
-    def take(self, payload: bytes, row: NDArray[np.int64], wall: int, now: int) -> None:
-        """Begins with a trajectory, or says why it can't be. wall: Unix ns; now: CLOCK_MONOTONIC ns."""
+    def take(self, payload: bytes, came: int, wall: int) -> None:
+        """Begins with a trajectory, or says why it can't be.
+
+        Args:
+            payload: CDR.
+            came: when it came, CLOCK_MONOTONIC ns.
+            wall: Unix ns, now.
+        """
         try:
-            if int(row[CYCLE.state]) != State.ACTIVE:
-                raise RequestError(self._place, "the limb isn't active", "Start or reset it first")
+            with self._lock:
+                row, stops = self._row, self._stops
+            if row is None or int(row[CYCLE.state]) != State.ACTIVE or came < self._active:
+                raise RequestError(self._place, "the limb wasn't active when it came", "Start or reset it first")
             message = cdr.decode(TRAJECTORY, payload)
             stamp = message["header"]["stamp"]["sec"] * 1_000_000_000 + message["header"]["stamp"]["nanosec"]
             made = Trajectory(message, self._names, self._where(row), self._place)
@@ -84,7 +95,9 @@ class Follower:
             self._report(str(error))
             return
         with self._lock:
-            self._trajectory, self._start, self._due = made, now + round(ahead * 1e9), now
+            if self._stops == stops:  # else the limb has stopped meanwhile
+                now = time.monotonic_ns()
+                self._trajectory, self._start, self._due = made, now + round(ahead * 1e9), now
 
     def _where(self, row: NDArray[np.int64]) -> Array:
         """(n,): where the joints were sent last, else where they are. Raises RequestError."""
@@ -94,18 +107,31 @@ class Follower:
         raise RequestError(self._place, "nobody knows where the joints are", "Wait until the device measures them")
 
     def cancel(self, why: str) -> None:
-        """Ends it, if there is one."""
+        """Ends it, if there is one; one that is looked at now doesn't begin."""
         with self._lock:
-            if self._trajectory is not None:
-                self._trajectory = None
-                self._report(f"{self._place} ends: {why}")
+            self._stops += 1
+            ended, self._trajectory = self._trajectory, None
+        if ended is not None:
+            self._report(f"{self._place} ends: {why}")
 
-    def turn(self, row: NDArray[np.int64] | None, now: int) -> None:
-        """Sends the next setpoint, when it is due. now: CLOCK_MONOTONIC ns."""
-        if self._trajectory is None or row is None:
-            return
-        if (state := State(int(row[CYCLE.state]))) is not State.ACTIVE:
-            self.cancel(f"the limb is {state.name.lower()}")
+    def turn(self, rows: NDArray[np.int64], row: NDArray[np.int64] | None, lost: int, now: int) -> None:
+        """Sends the next setpoint, when it is due.
+
+        Args:
+            rows: (k, width), new since the last turn: each of them must be of a limb that moves.
+            row: the newest.
+            lost: rows that nobody has read, so far: what the limb did then isn't known.
+            now: CLOCK_MONOTONIC ns.
+        """
+        states = rows[:, CYCLE.state]
+        stopped, unknown = bool((states != State.ACTIVE).any()), lost != self._lost
+        with self._lock:
+            self._row, self._lost = row, lost
+            if stopped or unknown:
+                self._active = now
+        if stopped or unknown:
+            state = State(int(states[states != State.ACTIVE][-1])).name.lower() if stopped else "not known"
+            self.cancel(f"the limb's state is {state}" if unknown else f"the limb is {state}")
             return
         with self._lock:
             if self._trajectory is None or now < self._due:

@@ -39,14 +39,30 @@ class Joints:
         devices = [device for device in layout.devices if device not in layout.setpoint_owners]
         self._groups = [group for device in devices if (group := self._group(device)) is not None]
         given = [(group.position.name.partition(".")[0], joint_names(group.position)) for group in self._groups]
-        self._followers = [
-            (robot, number) for robot in robots for number in robot.linkage.moving if not plain(robot, number)
-        ]
+        self._leaders: dict[tuple[str, str], tuple[str, int]] = {}  # of each element: the link whose joint it is
+        self._followers: list[tuple[Robot, int]] = []
+        for robot in robots:
+            for number in robot.linkage.moving:
+                element = robot.angles.partition(".")[0], robot.linkage.links[number].joint
+                own = robot.name, number
+                if not _plain(robot, number) or self._leaders.setdefault(element, own) != own:
+                    self._followers.append((robot, number))
         pairs = [(device, name) for device, names in given for name in names]
         pairs += [(robot.name, robot.linkage.links[number].name) for robot, number in self._followers]
         often = Counter(name for _, name in pairs)
-        self._name = {pair: pair[1] if often[pair[1]] == 1 else f"{pair[0]}_{pair[1]}" for pair in pairs}
-        self.names = [self._name[pair] for pair in pairs]
+        self.names: list[str] = []
+        for owner, name in pairs:
+            made, number = name if often[name] == 1 else f"{owner}_{name}", 1
+            while made in self.names:
+                number += 1
+                made = f"{owner}_{name}_{number}"
+            self.names.append(made)
+        count = len(pairs) - len(self._followers)
+        self._of_element = dict(zip(pairs[:count], self.names, strict=False))
+        self._of_link = {
+            (robot.name, number): name
+            for (robot, number), name in zip(self._followers, self.names[count:], strict=True)
+        }
 
     def _group(self, device: str) -> _Group | None:
         fields = self._layout.fields
@@ -65,10 +81,13 @@ class Joints:
 
     def name_of(self, robot: Robot, number: int) -> str:
         """The name of the joint that moves a robot's link."""
-        link = robot.linkage.links[number]
-        device = robot.angles.partition(".")[0]
-        pair = (device, link.joint) if plain(robot, number) else (robot.name, link.name)
-        return self._name.get(pair, link.name)
+        own = self._of_link.get((robot.name, number))
+        return own if own is not None else self.leader_of(robot, number)
+
+    def leader_of(self, robot: Robot, number: int) -> str:
+        """The name of the joint that a robot's link follows, its own included; "" where the device's value is none."""
+        element = robot.angles.partition(".")[0], robot.linkage.links[number].joint
+        return self._of_element.get(element, "") if element in self._leaders else ""
 
     def message(self, row: NDArray[np.int64], wall: int) -> tuple[int, cdr.Message] | None:
         """The stamp, Unix ns, and the message of a row (width,); None before the first samples.
@@ -81,13 +100,15 @@ class Joints:
             return None
         columns: list[list[Array]] = [[], [], []]
         for group in self._groups:
+            unknown = row[group.column] < 0  # before its first sample
             for column, field in zip(columns, (group.position, group.velocity, group.effort), strict=True):
                 empty = np.full(group.position.size, np.nan)
-                column.append(empty if field is None else self._layout.value(row, field.name))
+                column.append(empty if field is None or unknown else self._layout.value(row, field.name))
+        values = {group.position.name: column for group, column in zip(self._groups, columns[0], strict=True)}
         for robot, number in self._followers:
-            link = robot.linkage.links[number]
-            field = self._layout.fields[robot.angles]
-            value = self._layout.value(row, robot.angles)[field.labels.index(link.joint)]
+            link, found = robot.linkage.links[number], values.get(robot.angles)
+            labels = self._layout.fields[robot.angles].labels
+            value = np.nan if found is None else found[labels.index(link.joint)]
             columns[0].append(np.array([link.factor * value + link.offset]))
             columns[1].append(np.array([np.nan]))
             columns[2].append(np.array([np.nan]))
@@ -113,7 +134,7 @@ def moved_by_devices(robots: list[Robot], layout: Layout) -> list[Robot]:
     return [moved(robot) for robot in robots]
 
 
-def plain(robot: Robot, number: int) -> bool:
+def _plain(robot: Robot, number: int) -> bool:
     """Whether a link's joint is where the device's value is."""
     link = robot.linkage.links[number]
     return link.factor == 1.0 and link.offset == 0.0

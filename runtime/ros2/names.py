@@ -48,6 +48,11 @@ def token(name: str) -> str:
     return f"_{made}" if made[:1].isdigit() else made
 
 
+def topic(signal: str) -> str:
+    """A signal's topic, below the namespace: "finger.position" -> "finger/position"."""
+    return "/".join(token(part) for part in signal.split("."))
+
+
 def mangled(name: str) -> str:
     """A name within a liveliness token, where `/` separates: "/a/b" -> "%a%b"; "" -> "%"."""
     return name.replace("/", "%") or "%"

@@ -1,6 +1,6 @@
 """A node of ROS 2's graph over zenoh: publishers, subscriptions, services and their tokens. No ROS 2 is needed.
 
-The session connects to a router and goes on trying while there is none.
+The session is a client of the router: all goes through it, and the node dials nobody else.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import zenoh
 from zenoh import ext
 
 from srl.runtime.bus.session import client_tls
-from srl.runtime.contracts.errors import HostError
 from srl.runtime.contracts.tls import TlsConfig
 from srl.runtime.messages import attachment, messages
 from srl.runtime.profile.bus import Ros2Config
@@ -43,46 +42,63 @@ class Publisher:
         self._publisher.put(payload, attachment=attachment.encode(self._sent, when, self._sender))
 
 
+class Call:
+    """A request of a service, which is answered once."""
+
+    def __init__(self, query: zenoh.Query, key: str) -> None:
+        self._query, self._key = query, key
+
+    def answer(self, payload: bytes) -> None:
+        """Replies with CDR: the reply bears the request's number and its sender."""
+        given = self._query.attachment
+        assert given is not None
+        with self._query:
+            made = attachment.answer(given.to_bytes(), time.time_ns())
+            self._query.reply(self._key, payload, attachment=made)
+
+
+def connect(config: Ros2Config, tls: TlsConfig | None) -> zenoh.Session | None:
+    """Opens a session with the router; None: it isn't there. Later losses it mends by itself."""
+    content: dict[str, Any] = {
+        "mode": "client",
+        "connect": {
+            "endpoints": [config.router], "timeout_ms": 500, "exit_on_failure": True,
+            "retry": {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 1.5},
+        },
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "adminspace": {"enabled": False},
+        "timestamping": {"enabled": {"router": True, "peer": True, "client": True}},
+        "transport": {"shared_memory": {"enabled": False}, "link": {"rx": {"max_message_size": LONGEST_MESSAGE}}},
+    }  # fmt: skip
+    if tls is not None:
+        content["transport"]["link"]["tls"] = client_tls(tls)
+    try:
+        return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
+    except zenoh.ZError:
+        return None
+
+
 class Node:
     """The node; see the module's docstring."""
 
-    def __init__(self, config: Ros2Config, tls: TlsConfig | None, instance: str) -> None:
-        """Opens the session. Raises HostError: zenoh refuses the options.
-
+    def __init__(self, session: zenoh.Session, config: Ros2Config, instance: str) -> None:
+        """
         Args:
+            session: of `connect`; it is closed with the node.
             config: the profile's.
-            tls: of the bus, for a router over TLS.
             instance: the run's name, which is the node's, and its namespace where the profile names none.
         """
         self._distribution = config.distribution
-        content: dict[str, Any] = {
-            "mode": "peer",
-            "connect": {
-                "endpoints": [config.router], "timeout_ms": 0, "exit_on_failure": False,
-                "retry": {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 1.5},
-            },
-            "listen": {"endpoints": []},
-            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
-            "adminspace": {"enabled": False},
-            "timestamping": {"enabled": {"router": True, "peer": True, "client": True}},
-            "transport": {"shared_memory": {"enabled": False}, "link": {"rx": {"max_message_size": LONGEST_MESSAGE}}},
-        }  # fmt: skip
-        if tls is not None:
-            content["transport"]["link"]["tls"] = client_tls(tls)
-        try:
-            self.session = zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
-        except zenoh.ZError as error:
-            raise HostError("bus.ros2", f"zenoh can't be opened: {error}", "Check 'router'") from None
+        self.session = session
         namespace = f"/{instance}" if config.namespace is None else config.namespace.rstrip("/")
-        self.name = NodeName(config.domain, str(self.session.zid()), namespace, instance)
+        self.name = NodeName(config.domain, str(session.zid()), namespace, instance)
         self._entities = 0
-        self._declared: list[Any] = [self.session.liveliness().declare_token(self.name.alive)]
+        self._declared: list[Any] = [session.liveliness().declare_token(self.name.alive)]
 
     def publisher(self, topic: str, kind: str, qos: Qos | None = None) -> Publisher:
         """Declares a publisher. `topic`: below the namespace, or from `/` on."""
         qos = qos or Qos()
-        hashed = type_hash(kind, self._distribution)
-        key = self.name.data_key(topic, kind, hashed)
+        key = self._key(topic, kind)
         # DROP: a subscriber that reads too slowly loses samples and delays nobody.
         common: dict[str, Any] = {
             "encoding": messages.encoding(kind), "congestion_control": zenoh.CongestionControl.DROP, "express": True,
@@ -99,25 +115,35 @@ class Node:
         self._announce("MP", topic, kind, qos)
         return Publisher(made, matching)
 
-    def subscribe(self, topic: str, kind: str, take: Callable[[zenoh.Sample], None]) -> None:
-        """Declares a subscription. `take` runs in a thread of zenoh's."""
-        key = self.name.data_key(topic, kind, type_hash(kind, self._distribution))
-        self._declared.append(self.session.declare_subscriber(key, take))
+    def subscribe(self, topic: str, kind: str, take: Callable[[bytes], None]) -> None:
+        """Declares a subscription. `take` gets each sample's CDR, in a thread of zenoh's, and must not block."""
+        key = self._key(topic, kind)
+
+        def arrive(sample: zenoh.Sample) -> None:
+            given = b"" if sample.attachment is None else sample.attachment.to_bytes()
+            # A put by wildcard, or without ROS 2's attachment, is no sample of this topic.
+            if str(sample.key_expr) == key and attachment.is_one(given):
+                take(sample.payload.to_bytes())
+
+        self._declared.append(self.session.declare_subscriber(key, arrive))
         self._announce("MS", topic, kind, Qos())
 
-    def service(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> None:
-        """Declares a service. `answer`: the request's CDR to the response's, in a thread of zenoh's."""
-        key = self.name.data_key(name, kind, type_hash(kind, self._distribution))
+    def service(self, name: str, kind: str, take: Callable[[Call], None]) -> None:
+        """Declares a service. `take` gets each call, in a thread of zenoh's, and must not block."""
+        key = self._key(name, kind)
 
-        def take(query: zenoh.Query) -> None:
-            payload = b"" if query.payload is None else query.payload.to_bytes()
+        def arrive(query: zenoh.Query) -> None:
             given = b"" if query.attachment is None else query.attachment.to_bytes()
-            with query:
-                if attachment.is_one(given):  # the reply bears the request's number and its sender
-                    query.reply(key, answer(payload), attachment=attachment.answer(given, time.time_ns()))
+            if str(query.key_expr) == key and attachment.is_one(given):
+                take(Call(query, key))
+            else:
+                query.drop()  # a query by wildcard sets nothing in motion
 
-        self._declared.append(self.session.declare_queryable(key, take, complete=True))
+        self._declared.append(self.session.declare_queryable(key, arrive, complete=True))
         self._announce("SS", name, kind, Qos())
+
+    def _key(self, name: str, kind: str) -> str:
+        return self.name.data_key(name, kind, type_hash(kind, self._distribution))
 
     def _announce(self, role: str, name: str, kind: str, qos: Qos) -> None:
         self._entities += 1

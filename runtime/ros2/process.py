@@ -6,22 +6,15 @@ What peers ask goes through the bus's own socket, so the limb answers them as it
 from __future__ import annotations
 
 import sys
-import threading
 import time
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import zenoh
 from numpy.typing import NDArray
 
-from srl.runtime.bus.client import Client, connect
 from srl.runtime.bus.status import Reporter
-from srl.runtime.contracts.errors import RequestError, SrlError
+from srl.runtime.contracts.errors import SrlError
 from srl.runtime.contracts.field import Field
-from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.child import Ending
 from srl.runtime.ipc.header import CYCLE, DEVICE
 from srl.runtime.ipc.layout import Layout
@@ -29,12 +22,12 @@ from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.messages import cdr, messages
 from srl.runtime.profile.bus import BusConfig
-from srl.runtime.profile.keys import COMMANDS, slug
+from srl.runtime.profile.keys import slug
 from srl.runtime.recording.robots import robots
-from srl.runtime.ros2.follower import Follower
+from srl.runtime.ros2.commands import Commands
 from srl.runtime.ros2.joints import Joints, moved_by_devices
-from srl.runtime.ros2.names import TF, TRAJECTORY, TRIGGER, Qos, token
-from srl.runtime.ros2.node import Node, Publisher
+from srl.runtime.ros2.names import TF, Qos, topic
+from srl.runtime.ros2.node import Node, Publisher, connect
 from srl.runtime.ros2.tree import Tree
 from srl.runtime.ros2.urdf import description
 
@@ -43,70 +36,34 @@ DIAGNOSED = 1_000_000_000  # ns between two diagnostics
 LISTENERS = 50_000_000  # ns: a new subscriber hears its signal no later than this
 SILENT = 500_000_000  # ns without a sign of life after which the loop counts as dead
 LOOK = 0.002  # s between two looks at the ring
+RETRY = 1_000_000_000  # ns between two attempts to reach the router
 
 
-class Ros2:
-    """The node of one run."""
+class _Topics:
+    """What the node publishes."""
 
-    def __init__(self, run_folder: RunFolder) -> None:
-        """Raises SrlError."""
-        self._folder = run_folder
-        layout = self._layout = Layout.load(run_folder.layout)
-        layout.needs(str(run_folder.layout), "bus", "wall", "rate", "limits")
-        config = BusConfig.model_validate(layout.meta["bus"] or {})
-        assert config.ros2 is not None
-        self._ring = RingReader(run_folder.rows, width=layout.width)
-        self._ring.sequence = self._ring.head
+    def __init__(self, node: Node, name: str, layout: Layout, joints: Joints, tree: Tree) -> None:
+        self._layout, self._joints, self._tree = layout, joints, tree
         self._wall = int(layout.meta["wall"])
-        self._period = round(1e9 / config.ros2.rate)
-        self._followers: dict[str, Follower] = {}  # by setpoint
-        self._refused = ""  # why a setpoint was refused last
-        self._reporter = Reporter(run_folder.path.name, layout)
-        found = moved_by_devices(robots(layout), layout)
-        self._joints, self._tree = Joints(layout, found), Tree(layout, found)
-        self._clients: dict[bool, Client] = {}  # a stop has a client of its own: it waits for no other request
-        self._asking = {True: threading.Lock(), False: threading.Lock()}
-        node = self._node = Node(config.ros2, config.tls, slug(run_folder.path.name))
-        try:
-            self._declare(node, config.ros2.commands)
-        except BaseException:
-            node.close()
-            raise
-
-    def _declare(self, node: Node, commands: bool) -> None:
-        layout = self._layout
         self._joint_states = node.publisher("joint_states", messages.JOINT_STATE)
         self._tf = node.publisher("/tf", TF, Qos(depth=100))
         self._diagnostics = node.publisher("/diagnostics", messages.DIAGNOSTICS)
-        fields = [f for f in layout.fields.values() if f.role in PUBLISHED and f.size]
         self._signals: list[tuple[Field, messages.Encoder, Publisher, int]] = []
-        for field in fields:
-            encoder = messages.Encoder(field)
-            topic = "/".join(token(part) for part in field.name.split("."))
-            self._signals.append((field, encoder, node.publisher(topic, encoder.kind), self._stamped_by(field)))
-        self._heard: list[tuple[Field, messages.Encoder, Publisher, int]] = []
+        for field in layout.fields.values():
+            if field.role in PUBLISHED and field.size:
+                encoder = messages.Encoder(field)
+                publisher = node.publisher(topic(field.name), encoder.kind)
+                self._signals.append((field, encoder, publisher, self._stamped_by(field)))
+        self._heard = self._signals[:0]
+        self._listeners = 0
         # Latched: who comes late gets them, too.
         static = node.publisher("/tf_static", TF, Qos(depth=1, latched=True))
-        static.put(cdr.encode(TF, self._tree.static(time.time_ns())))
+        static.put(cdr.encode(TF, tree.static(time.time_ns())))
         limits = {
             name: {**found, "labels": layout.fields[name].labels} for name, found in layout.meta["limits"].items()
         }
-        text = description(slug(self._folder.path.name), self._tree, self._joints, limits)
         described = node.publisher("robot_description", messages.STRING, Qos(depth=1, latched=True))
-        described.put(cdr.encode(messages.STRING, {"data": text}))
-        if not commands:
-            return
-        for name in COMMANDS:
-            node.service(name, TRIGGER, partial(self._trigger, name))
-        for entry in layout.meta.get("setpoints", []):
-            topic = "/".join(token(part) for part in entry["name"].split("."))
-            for kind, last in ((messages.MULTI_ARRAY, "commands"), (messages.JOINT_STATE, "joint_commands")):
-                node.subscribe(f"{topic}/{last}", kind, partial(self._setpoint, entry["name"], kind))
-            follower = Follower(layout, entry["name"], partial(self._send, entry["name"]), self._refuse)
-            if follower.able:
-                self._followers[entry["name"]] = follower
-                take = partial(self._trajectory, follower)
-                node.subscribe(f"{topic}/joint_trajectory", TRAJECTORY, take)
+        described.put(cdr.encode(messages.STRING, {"data": description(name, tree, joints, limits)}))
 
     def _stamped_by(self, field: Field) -> int:
         device = field.name.partition(".")[0]
@@ -114,85 +71,11 @@ class Ros2:
             return CYCLE.now
         return self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
 
-    # -- what peers ask, in zenoh's threads
-
-    def _ask(self, request: Callable[[Client], Any], stops: bool = False) -> Any:
-        """Asks the bus. Raises RequestError: it refuses, or isn't there."""
-        with self._asking[stops]:
-            if stops not in self._clients:
-                self._clients[stops] = connect(self._folder)
-            try:
-                return request(self._clients[stops])
-            except zenoh.ZError as error:
-                self._clients.pop(stops).close()
-                raise RequestError("bus", f"it is away: {error}", "Ask again") from None
-
-    def _trigger(self, name: str, payload: bytes) -> bytes:
-        try:
-            self._ask(lambda client: client.command(name), stops=name == "stop")
-        except SrlError as error:
-            return cdr.encode("std_srvs/srv/Trigger_Response", {"success": False, "message": str(error)})
-        return cdr.encode("std_srvs/srv/Trigger_Response", {"success": True, "message": ""})
-
-    def _setpoint(self, name: str, kind: str, sample: zenoh.Sample) -> None:
-        """Passes a setpoint on; one that doesn't fit is refused there, and counted."""
-        try:
-            field = self._layout.fields[name]
-            values = messages.read_values(
-                sample.payload.to_bytes(), messages.encoding(kind), field, f"topic of '{name}'"
-            )
-            if name in self._followers:
-                self._followers[name].cancel("another command came")
-            self._send(name, values)
-        except SrlError as error:
-            self._refuse(str(error))
-
-    def _send(self, name: str, values: Array) -> None:
-        self._ask(lambda client: client.setpoint(name, values))
-
-    def _trajectory(self, follower: Follower, sample: zenoh.Sample) -> None:
-        row = self._ring.newest()
-        if row is not None:
-            follower.take(sample.payload.to_bytes(), row, time.time_ns(), time.monotonic_ns())
-
-    def _refuse(self, text: str) -> None:
-        if text != self._refused:  # once, and not at a peer's rate
-            self._refused = text
-            print(f"ros2: {text}", file=sys.stderr, flush=True)
-
-    # -- what they see
-
-    def run(self, ending: Ending | None = None) -> None:
-        """Runs until the ring is closed or this process is to end."""
-        due = listeners = diagnosed = 0
-        row = self._ring.newest()
-        try:
-            while ending is None or not ending.asked:
-                rows = self._ring.take()
-                if len(rows):
-                    row = rows[-1]
-                    self._reporter.timing.add(rows)
-                elif self._ring.closed:
-                    break
-                now = time.monotonic_ns()
-                if now >= listeners:
-                    listeners = now + LISTENERS
-                    self._heard = [signal for signal in self._signals if signal[2].heard]
-                if row is not None and len(rows) and now >= due:
-                    due = max(due + self._period, now - self._period)
-                    self._publish(row)
-                for follower in self._followers.values():
-                    follower.turn(row, now)
-                if now >= diagnosed:
-                    diagnosed = now + DIAGNOSED
-                    silent = not self._ring.closed and now - self._ring.beat > SILENT
-                    message = self._reporter.message(row, time.time_ns(), silent)
-                    self._diagnostics.put(cdr.encode(messages.DIAGNOSTICS, message))
-                time.sleep(LOOK)
-        finally:
-            self.close()
-
-    def _publish(self, row: NDArray[np.int64]) -> None:
+    def publish(self, row: NDArray[np.int64], now: int) -> None:
+        """Publishes a row (width,). now: CLOCK_MONOTONIC ns."""
+        if now >= self._listeners:
+            self._listeners = now + LISTENERS
+            self._heard = [signal for signal in self._signals if signal[2].heard]
         if (found := self._joints.message(row, self._wall)) is not None:
             stamp, message = found
             self._joint_states.put(cdr.encode(messages.JOINT_STATE, message), stamp)
@@ -206,13 +89,86 @@ class Ros2:
                 values = floats[field.offset : field.offset + field.size]
                 publisher.put(encoder.encode(values, taken + self._wall), taken + self._wall)
 
+    def diagnose(self, message: cdr.Message) -> None:
+        """Publishes the diagnostics."""
+        self._diagnostics.put(cdr.encode(messages.DIAGNOSTICS, message))
+
+
+class Ros2:
+    """The node of one run."""
+
+    def __init__(self, run_folder: RunFolder) -> None:
+        """Raises SrlError."""
+        self._folder, self._name = run_folder, slug(run_folder.path.name)
+        layout = self._layout = Layout.load(run_folder.layout)
+        layout.needs(str(run_folder.layout), "bus", "wall", "rate", "limits")
+        config = BusConfig.model_validate(layout.meta["bus"] or {})
+        assert config.ros2 is not None
+        self._config, self._tls = config.ros2, config.tls if config.ros2.router.startswith("tls/") else None
+        self._ring = RingReader(run_folder.rows, width=layout.width)
+        self._ring.sequence = self._ring.head
+        self._reporter = Reporter(run_folder.path.name, layout)
+        found = moved_by_devices(robots(layout), layout)
+        self._joints, self._tree = Joints(layout, found), Tree(layout, found)
+        self._node: Node | None = None
+        self._topics: _Topics | None = None
+        self._commands: Commands | None = None
+        self._retry = 0
+
+    def run(self, ending: Ending | None = None) -> None:
+        """Runs until the ring is closed or this process is to end."""
+        due = diagnosed = 0
+        period = round(1e9 / self._config.rate)
+        row = self._ring.newest()
+        try:
+            while ending is None or not ending.asked:
+                rows = self._ring.take()
+                if len(rows):
+                    row = rows[-1]
+                    self._reporter.timing.add(rows)
+                elif self._ring.closed:
+                    break
+                self._reporter.counts.lost_rows = self._ring.lost
+                now = time.monotonic_ns()
+                if self._commands is not None:
+                    self._commands.turn(rows, row, self._ring.lost, now)
+                else:
+                    self._take_commands()
+                if self._topics is None:
+                    self._join(now)
+                elif row is not None and len(rows) and now >= due:
+                    due = max(due + period, now - period)
+                    self._topics.publish(row, now)
+                if self._topics is not None and now >= diagnosed:
+                    diagnosed = now + DIAGNOSED
+                    silent = not self._ring.closed and now - self._ring.beat > SILENT
+                    self._topics.diagnose(self._reporter.message(row, time.time_ns(), silent))
+                time.sleep(LOOK)
+        finally:
+            self.close()
+
+    def _join(self, now: int) -> None:
+        """Declares everything, once there is a router."""
+        if now < self._retry:
+            return
+        self._retry = now + RETRY
+        session = connect(self._config, self._tls)
+        if session is None:
+            return
+        node = self._node = Node(session, self._config, self._name)
+        self._topics = _Topics(node, self._name, self._layout, self._joints, self._tree)
+
+    def _take_commands(self) -> None:
+        """Announces what peers may ask for, once the bus is there to pass it on."""
+        if self._node is not None and self._config.commands and self._folder.bus_socket.exists():
+            self._commands = Commands(self._node, self._folder, self._layout, self._reporter.counts)
+
     def close(self) -> None:
         """Ends the sessions."""
-        self._node.close()
-        for stops, lock in self._asking.items():
-            with lock:
-                if stops in self._clients:
-                    self._clients.pop(stops).close()
+        if self._node is not None:
+            self._node.close()
+        if self._commands is not None:
+            self._commands.close()
         self._ring.close()
 
 

@@ -7,6 +7,7 @@ accelerations, too. Source: ros2_controllers, joint_trajectory_controller, "Traj
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,8 @@ import numpy as np
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.signals import Array
 
-CHECKED = 0.005  # s between two looks at the limits
 LONGEST = 600.0  # s
-MOST_POINTS = 10_000
+MOST_POINTS = 2000
 
 
 class Trajectory:
@@ -59,40 +59,68 @@ class Trajectory:
             rows.append([v[order] if len(v) else np.zeros(n) for v in values])
         if np.abs(rows[-1][1]).max() > 1e-9:
             raise RequestError(place, "it doesn't end at rest", "Give the last point the velocity 0")
-        self.end = times[-1]
-        self._times, self._degree = np.array(times), degree
-        self._q, self._v, self._a = (np.array([row[k] for row in rows]) for k in range(3))
+        self.end, self._last = times[-1], rows[-1][0]
+        self._times, self._spans = np.array(times), np.diff(times)
+        q, v, a = (np.array([row[k] for row in rows]) for k in range(3))
+        self._c = _polynomials(q, v, a, self._spans[:, None], degree)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Position and velocity (n,) at `time` s; the last point from `end` on."""
-        if time >= self.end or len(self._times) == 1:
-            return self._q[-1], np.zeros_like(self._q[-1])
+        if time >= self.end or not len(self._spans):
+            return self._last, np.zeros_like(self._last)
         i = max(int(np.searchsorted(self._times, time, "right")) - 1, 0)
-        T = self._times[i + 1] - self._times[i]
-        s, h = (max(time, 0.0) - self._times[i]) / T, self._q[i + 1] - self._q[i]
-        if self._degree == 1:
-            return self._q[i] + s * h, h / T
-        v0, v1 = T * self._v[i], T * self._v[i + 1]
-        if self._degree == 3:
-            c2, c3 = 3 * h - 2 * v0 - v1, v0 + v1 - 2 * h
-            return self._q[i] + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + s * 3 * c3)) / T
-        a0, a1 = T * T * self._a[i], T * T * self._a[i + 1]
-        c3 = 10 * h - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
-        c4 = -15 * h + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
-        c5 = 6 * h - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
-        q = self._q[i] + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
-        return q, (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / T
+        s, T = (max(time, 0.0) - self._times[i]) / self._spans[i], self._spans[i]
+        powers = s ** np.arange(6)
+        slopes = np.arange(1, 6) * powers[:5]
+        return self._c[i] @ powers, self._c[i][:, 1:] @ slopes / T
 
     def check(self, lower: Array, upper: Array, velocity: Array, names: Sequence[str], place: str) -> None:
-        """Raises RequestError where it leaves these limits, (n,): they are looked at every CHECKED s."""
-        for time in np.arange(0.0, self.end + CHECKED, CHECKED):
-            q, dq = self.at(min(float(time), self.end - 1e-9))
-            for what, wrong in (
-                ("its position limits", (q < lower - 1e-6) | (q > upper + 1e-6)),
-                ("its velocity limit", np.abs(dq) > velocity * (1 + 1e-6)),
-            ):
-                if wrong.any():
-                    name = names[int(wrong.argmax())]
-                    raise RequestError(
-                        place, f"at {time:.2f} s '{name}' leaves {what}", "Plan within the guard's limits, or slower"
-                    )
+        """Raises RequestError where it leaves these limits, (n,), at any instant.
+
+        A polynomial lies within its Bernstein coefficients; where those leave the limits, its own extrema count.
+        """
+        rates = self._c[..., 1:] * np.arange(1, 6) / self._spans[:, None, None]
+        for what, c, least, most in (
+            ("its position limits", self._c, lower, upper), ("its velocity limit", rates, -velocity, velocity),
+        ):  # fmt: skip
+            low, high = least - 1e-6, most + 1e-6
+            hull = c @ _bernstein(c.shape[2] - 1).T
+            inside = ((hull >= low[:, None]) & (hull <= high[:, None])).all(axis=2)
+            for i, j in np.argwhere(~inside):
+                lowest, highest = _extrema(c[i, j])
+                if not (lowest >= low[j] and highest <= high[j]):
+                    problem = f"between {self._times[i]:.2f} and {self._times[i + 1]:.2f} s '{names[j]}' leaves {what}"
+                    raise RequestError(place, problem, "Plan within the guard's limits, or slower")
+
+
+def _polynomials(q: Array, v: Array, a: Array, T: Array, degree: int) -> Array:
+    """(segments, n, 6): the coefficients of s^k, with s from 0 to 1 in each segment, of T (segments, 1) s."""
+    h, v0, v1, a0, a1 = q[1:] - q[:-1], T * v[:-1], T * v[1:], T * T * a[:-1], T * T * a[1:]
+    none = np.zeros_like(h)
+    if degree == 1:
+        columns = [q[:-1], h, none, none, none, none]
+    elif degree == 3:
+        columns = [q[:-1], v0, 3 * h - 2 * v0 - v1, v0 + v1 - 2 * h, none, none]
+    else:
+        columns = [
+            q[:-1], v0, 0.5 * a0, 10 * h - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
+            -15 * h + 8 * v0 + 7 * v1 + 1.5 * a0 - a1, 6 * h - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
+        ]  # fmt: skip
+    return np.stack(columns, axis=2)
+
+
+def _bernstein(degree: int) -> Array:
+    """(d + 1, d + 1): from a polynomial's coefficients to those in Bernstein's basis, on 0 to 1."""
+    return np.array([[comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)]
+                     for i in range(degree + 1)])  # fmt: skip
+
+
+def _extrema(c: Array) -> tuple[float, float]:
+    """The least and greatest value of sum c_k s^k for s from 0 to 1; NaN where numbers overflow."""
+    slope = np.trim_zeros(c[1:] * np.arange(1, len(c)), "b")
+    if not np.isfinite(slope).all():
+        return np.nan, np.nan
+    roots = np.polynomial.polynomial.polyroots(slope) if len(slope) > 1 else np.empty(0)
+    real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
+    values = np.polynomial.polynomial.polyval(np.concatenate([[0.0, 1.0], real]), c)
+    return float(values.min()), float(values.max())

@@ -13,7 +13,7 @@ from srl.runtime.contracts import rotation
 from srl.runtime.contracts.frames import as_pose
 from srl.runtime.contracts.rotation import Pose
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.header import CYCLE, DEVICE
+from srl.runtime.ipc.header import CYCLE, DEVICE, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.messages import cdr
 from srl.runtime.messages.messages import time_of
@@ -84,6 +84,9 @@ class Tree:
         of: dict[str, Array] = {}
         for edge in edges:
             if edge.signal:
+                # A law's output stands still while the laws don't run: then the frame isn't known.
+                if self._layout.fields[edge.signal].role != "state" and row[CYCLE.state] != State.ACTIVE:
+                    continue
                 measured = as_pose(self._layout.value(row, edge.signal))
                 pose, signal = rotation.composed(edge.pose, measured), edge.signal
             else:

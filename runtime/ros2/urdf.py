@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
-from math import atan2, hypot
+from math import atan2, hypot, isfinite
+from pathlib import Path
 from typing import Any, Final
 
 from srl.runtime.contracts import rotation
 from srl.runtime.contracts.linkage import Solid
 from srl.runtime.contracts.rotation import Pose
 from srl.runtime.recording.robots import Robot
-from srl.runtime.ros2.joints import Joints, plain
+from srl.runtime.ros2.joints import Joints
 from srl.runtime.ros2.tree import Edge, Tree
 
 ROOT: Final = "srl_root"  # the link that several trees hang on; tf doesn't have it
+FAR: Final = 1e3  # m, m/s, N, N m: where nobody has given a limit
 
 
 def description(name: str, tree: Tree, joints: Joints, limits: Mapping[str, Mapping[str, Any]]) -> str:
@@ -27,7 +29,8 @@ def description(name: str, tree: Tree, joints: Joints, limits: Mapping[str, Mapp
     """
     robot = ET.Element("robot", name=name)
     own = {edge.child: edge for edge in tree.edges}
-    visuals = _files(edge.robot for edge in tree.edges if edge.robot is not None)
+    visuals, materials = _files(edge.robot for edge in tree.edges if edge.robot is not None)
+    robot.extend(materials)
     if len(tree.roots) > 1:
         ET.SubElement(robot, "link", name=ROOT)
     for link in (*tree.roots, *own):
@@ -54,17 +57,20 @@ def _edge(parent: ET.Element, edge: Edge, joints: Joints, limits: Mapping[str, M
         _joint(parent, f"{edge.child}_joint", kind, edge.parent, edge.child, edge.pose)
         return
     link = edge.robot.linkage.links[edge.number]
-    bounds = _bounds(edge.robot, edge.number, limits)
+    bounds, effort = _bounds(edge.robot, edge.number, limits), _effort(edge.robot, edge.number, limits)
     kind = "prismatic" if link.slides else "revolute"
     if bounds is None and not link.slides:
         kind = "continuous"
     made = _joint(parent, joints.name_of(edge.robot, edge.number), kind, edge.parent, edge.child, edge.pose)
     ET.SubElement(made, "axis", xyz=_text(link.axis))
+    leader = joints.leader_of(edge.robot, edge.number)
+    if leader and leader != made.get("name"):
+        ET.SubElement(made, "mimic", joint=leader, multiplier=f"{link.factor:.9g}", offset=f"{link.offset:.9g}")
     if bounds is not None:
         lower, upper, velocity = bounds
-        ET.SubElement(made, "limit", lower=f"{lower:g}", upper=f"{upper:g}", velocity=f"{velocity:g}", effort="0")
-    elif link.slides:
-        ET.SubElement(made, "limit", lower="0", upper="0", velocity="0", effort="0")
+        _limit(made, lower, upper, velocity, effort)
+    elif link.slides:  # a slide must have limits in a URDF: so far that they say nothing
+        _limit(made, -FAR, FAR, FAR, effort)
 
 
 def _bounds(robot: Robot, number: int, limits: Mapping[str, Mapping[str, Any]]) -> tuple[float, float, float] | None:
@@ -74,25 +80,52 @@ def _bounds(robot: Robot, number: int, limits: Mapping[str, Mapping[str, Any]]) 
         if name.partition(".")[0] != device or found.get("lower") is None or found.get("upper") is None:
             continue
         labels: Sequence[str] = found["labels"]
-        if link.joint not in labels or not plain(robot, number):
+        if link.joint not in labels:
             return None
         i = labels.index(link.joint)
+        ends = sorted(link.factor * float(found[end][i]) + link.offset for end in ("lower", "upper"))
         velocity = found.get("velocity")
-        return float(found["lower"][i]), float(found["upper"][i]), 0.0 if velocity is None else float(velocity[i])
+        fastest = 0.0 if velocity is None else abs(link.factor) * float(velocity[i])
+        return (ends[0], ends[1], fastest) if isfinite(ends[0] + ends[1] + fastest) else None
     return None
 
 
-def _files(robots: Iterable[Robot]) -> dict[tuple[str, str], list[ET.Element]]:
-    """The visual elements of the profile's own URDFs, by robot and link. A file that can't be read has none."""
+def _effort(robot: Robot, number: int, limits: Mapping[str, Mapping[str, Any]]) -> float:
+    """N m or N, that the guard allows the joint; FAR where it has no such limit."""
+    joint, device = robot.linkage.links[number].joint, robot.angles.partition(".")[0]
+    for name, found in limits.items():
+        if name.partition(".")[0] == device and found.get("effort") is not None and joint in found["labels"]:
+            most = float(found["effort"][found["labels"].index(joint)])
+            return most if isfinite(most) else FAR
+    return FAR
+
+
+def _limit(joint: ET.Element, lower: float, upper: float, velocity: float, effort: float) -> None:
+    numbers = {"lower": lower, "upper": upper, "velocity": velocity, "effort": effort}
+    ET.SubElement(joint, "limit", {name: f"{number:g}" for name, number in numbers.items()})
+
+
+def _files(robots: Iterable[Robot]) -> tuple[dict[tuple[str, str], list[ET.Element]], list[ET.Element]]:
+    """The visual elements of the profile's own URDFs, by robot and link, and the materials that they name.
+
+    A mesh beside the file gets its whole path. A file that can't be read has none.
+    """
     found: dict[tuple[str, str], list[ET.Element]] = {}
+    materials: dict[str, ET.Element] = {}
     for robot in {robot.name: robot for robot in robots if robot.file}.values():
         try:
-            links = ET.parse(robot.file).getroot().findall("link")
+            root = ET.parse(robot.file).getroot()
         except (OSError, ET.ParseError):
             continue
-        for link in links:
+        for mesh in root.iter("mesh"):
+            name = mesh.get("filename", "")
+            if name and ":" not in name:
+                mesh.set("filename", (Path(robot.file).resolve().parent / name).as_uri())
+        for material in root.findall("material"):
+            materials.setdefault(material.get("name", ""), material)
+        for link in root.findall("link"):
             found[robot.name, link.get("name", "")] = link.findall("visual")
-    return found
+    return found, list(materials.values())
 
 
 def _joint(parent: ET.Element, name: str, kind: str, up: str, child: str, pose: Pose) -> ET.Element:

@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from srl.runtime.contracts.errors import RequestError
-from srl.runtime.messages import cdr
+from srl.runtime.messages import cdr, messages
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
+# rosbags knows no services: their messages from the text of the interface.
+(_RESPONSE,) = get_types_from_msg("bool success\nstring message\n", "std_srvs/msg/Trigger_Response").values()
+STORE.register({"std_srvs/srv/Trigger_Response": _RESPONSE})
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=("Cs",)), max_size=20)
 FLOAT = st.floats(allow_nan=False)
 NUMBERS: dict[str, Any] = {
@@ -28,6 +31,14 @@ NUMBERS: dict[str, Any] = {
     "bool": st.booleans(),
     "string": TEXT,
 }
+
+
+def test_a_shape_that_is_none_is_no_error() -> None:
+    for sizes in ([1] * 64 + [2], [0, 2**32 - 1, 2**32 - 1, 2**32 - 1]):
+        dims = [{"label": "", "size": size, "stride": 1} for size in sizes]
+        count = 0 if 0 in sizes else 2
+        message = {"layout": {"dim": dims, "data_offset": 0}, "data": np.zeros(count)}
+        assert messages.values_of(messages.MULTI_ARRAY, message).shape == (count,)
 
 
 def values(kind: str) -> st.SearchStrategy[Any]:

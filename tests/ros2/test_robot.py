@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from srl.runtime.contracts import rotation
+from srl.runtime.contracts.linkage import Link, Linkage
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.messages import cdr, messages
 from srl.runtime.profile import profile, wiring
-from srl.runtime.recording.robots import FixedRobots, robots
+from srl.runtime.recording.robots import FixedRobots, Robot, robots
 from srl.runtime.recording.shapes import Placing
 from srl.runtime.ros2.joints import Joints, moved_by_devices
 from srl.runtime.ros2.names import TF
@@ -167,3 +170,66 @@ def test_what_is_not_known_is_not_said() -> None:
     assert cdr.decode(TF, cdr.encode(TF, tree.moving(row, WALL)))["transforms"] == [] or all(
         np.isfinite(list(t["transform"]["translation"].values())).all() for t in tree.moving(row, WALL)["transforms"]
     )
+
+
+def test_before_its_first_sample_a_joint_is_not_a_number() -> None:
+    made = Run("moca-man")
+    row = made.row.copy()
+    index = made.layout.devices.index("hand")
+    row[made.layout.device(index).start] = -1  # its stamp
+    _, message = made.joints.message(row, WALL) or (0, {})
+    value = dict(zip(message["name"], message["position"], strict=True))
+    assert np.isfinite([value[f"joint{i}"] for i in range(1, 8)]).all()
+    assert np.isnan(value["closure"])
+    assert np.isnan([v for name, v in value.items() if "thumb" in name]).all()
+
+
+def test_two_links_that_follow_one_value_are_two_joints() -> None:
+    layout = Run("servo-jog").layout
+    links = (
+        Link("base", -1),
+        Link("one", 0, joint="proximal"),
+        Link("two", 0, joint="proximal"),
+        Link("distal", 1, joint="distal", factor=-1.0, offset=0.5),
+    )
+    robot = Robot("finger", Linkage(links), "finger.position", "", ())
+    joints, tree = Joints(layout, [robot]), Tree(layout, [robot])
+    assert len(set(joints.names)) == len(joints.names) == 4
+    own = {"labels": ("proximal", "distal"), "lower": [-1, -2], "upper": [1, 3], "velocity": [2, 2]}
+    limits = {"finger.position_command": own}
+    root = ET.fromstring(description("robot", tree, joints, limits))
+    found = {joint.get("name"): joint for joint in root.findall("joint")}
+    assert len(found) == len(root.findall("joint"))
+    mimics = {m.get("joint") for joint in found.values() for m in joint.findall("mimic")}
+    assert mimics == {"proximal"}
+    (limit,) = [j.find("limit") for j in found.values() if j.find("child").get("link") == "finger/distal"]  # type: ignore[union-attr]
+    assert (float(limit.get("lower")), float(limit.get("upper"))) == (-2.5, 2.5)  # type: ignore[union-attr, arg-type]
+
+
+def test_a_frame_of_a_law_is_said_only_while_the_laws_run() -> None:
+    made = Run("moca-man")
+
+    def frames(state: State) -> set[str]:
+        row = made.row.copy()
+        row[CYCLE.state] = state
+        return {t["child_frame_id"] for t in made.tree.moving(row, WALL)["transforms"]}
+
+    assert "tool" in frames(State.ACTIVE)
+    assert "tool" not in frames(State.STOPPED)
+    assert "base" in frames(State.STOPPED), "odometry goes on"
+
+
+def test_a_urdf_of_the_profile_keeps_its_looks(tmp_path: Path) -> None:
+    (tmp_path / "own.urdf").write_text(
+        '<robot name="own"><material name="sea"><color rgba="0 0 1 1"/></material><link name="one"><visual><geometry>'
+        '<mesh filename="m.stl"/></geometry><material name="sea"/></visual></link></robot>'
+    )
+    layout = Run("servo-jog").layout
+    robot = Robot(
+        "finger", Linkage((Link("one", -1, joint="proximal"),)), "finger.position", str(tmp_path / "own.urdf"), ()
+    )
+    effort = {"finger.effort_command": {"labels": ("proximal", "distal"), "effort": [7.5, 1.0]}}
+    root = ET.fromstring(description("robot", Tree(layout, [robot]), Joints(layout, [robot]), effort))
+    (mesh,) = root.iter("mesh")
+    assert mesh.get("filename") == (tmp_path / "m.stl").as_uri()
+    assert [m.get("name") for m in root.findall("material")] == ["sea"]

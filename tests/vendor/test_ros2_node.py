@@ -27,6 +27,7 @@ from srl.runtime.ros2.names import HASHES, TF, TRIGGER, dds_type
 sdk = pytest.importorskip("zenoh_ros2_sdk")
 discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
 STORE = get_typestore(Stores.ROS2_JAZZY)
+ATTACHMENT = bytes(16) + b"\x10" + bytes(16)  # ROS 2's: number, time, and the 16 bytes of the sender
 pytestmark = pytest.mark.slow
 
 
@@ -36,6 +37,7 @@ def router(port: int) -> Iterator[None]:
     content = {
         "mode": "router", "listen": {"endpoints": [f"tcp/127.0.0.1:{port}"]},
         "scouting": {"multicast": {"enabled": False}},
+        "routing": {"router": {"peers_failover_brokering": False}},  # as rmw_zenohd has it since December 2024
     }  # fmt: skip
     session = zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     try:
@@ -166,7 +168,7 @@ def test_a_peer_moves_the_limb_only_where_the_profile_lets_it(
 
         def send(values: list[float]) -> None:
             message = STORE.types[kind](layout=layout, data=np.array(values))
-            seen.manager.session.put(key, bytes(STORE.serialize_cdr(message, kind)), attachment=bytes(33))
+            seen.manager.session.put(key, bytes(STORE.serialize_cdr(message, kind)), attachment=ATTACHMENT)
 
         def setpoint() -> list[float]:
             row = run.reader.newest()
@@ -215,15 +217,15 @@ def test_a_trajectory_moves_the_joints_along_it_and_a_stop_ends_it(
         until(lambda: np.isfinite(sent()).all(), what="the first command")
         begin = sent()
         session = seen.manager.session
-        session.put(key, message((1.0, (9.0, 9.0))), attachment=bytes(33))  # beyond the limits
-        session.put(key, b"\0\1\0\0nonsense", attachment=bytes(33))
+        session.put(key, message((1.0, (9.0, 9.0))), attachment=ATTACHMENT)  # beyond the limits
+        session.put(key, b"\0\1\0\0nonsense", attachment=ATTACHMENT)
         seen_at: list[tuple[float, ...]] = []
 
         def moves() -> bool:
             seen_at.append(sent())
             return bool(np.allclose(seen_at[-1], (0.2, 0.4), atol=2e-3))
 
-        session.put(key, message((0.5, (0.2, 0.1)), (2.0, (0.4, 0.2))), attachment=bytes(33))
+        session.put(key, message((0.5, (0.2, 0.1)), (2.0, (0.4, 0.2))), attachment=ATTACHMENT)
         until(moves, what="the end of the trajectory")
         assert np.linalg.norm(np.array(begin) - (0.2, 0.4)) > 0.1
         assert np.max(seen_at) < 0.42
@@ -231,7 +233,7 @@ def test_a_trajectory_moves_the_joints_along_it_and_a_stop_ends_it(
         stamp = run.header("now")
         until(lambda: run.header("now") > stamp + 1_500_000_000, what="time")
         assert run.header("state") == State.ACTIVE
-        session.put(key, message((20.0, (0.0, 0.0))), attachment=bytes(33))
+        session.put(key, message((20.0, (0.0, 0.0))), attachment=ATTACHMENT)
         until(lambda: sent()[1] < 0.39, what="the way back")
         assert seen.trigger("/servo_jog/stop")[0]
         run.until(lambda: run.header("state") == State.STOPPED, "the stop")

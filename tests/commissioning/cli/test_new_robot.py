@@ -112,11 +112,15 @@ def test_another_packages_driver_moves_a_limb(
     info = tmp_path / "muscle-1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: muscle\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[srl.limbs]\nmuscle = muscle:Muscle\nmissile = muscle:Missile\n")
+    (info / "entry_points.txt").write_text(
+        "[srl.limbs]\nmuscle = muscle:Muscle\nmissile = muscle:Missile\nmussel = muscle:Muscle\n"
+        "[srl.drivers]\nmuscle = srl.drivers.feetech.driver:Feetech\n"
+        "[srl.fakes]\nmuscle = srl.sim.devices.feetech.fake:FakeFeetech\n"
+    )
     (tmp_path / "muscle.py").write_text(
         "from srl import LimbDrives\n"
         "class Muscle(LimbDrives):\n"
-        "    driver, words, part, port = 'feetech', 'artificial muscles', 'feetech-chain', '/dev/muscle'\n"
+        "    driver, words, part, port = 'muscle', 'artificial muscles', 'feetech-chain', '/dev/muscle'\n"
         "class Missile: pass\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
@@ -125,6 +129,8 @@ def test_another_packages_driver_moves_a_limb(
     assert profile.load("mine.yaml")[0].devices["arm"].options["port"] == "/dev/muscle"
     assert main(["new", "other", "--urdf", "hip.urdf", "--tip", "tool", "--driver", "missile"]) == 2
     assert "is no LimbDrives" in capsys.readouterr().err
+    assert main(["new", "other", "--urdf", "hip.urdf", "--tip", "tool", "--driver", "mussel"]) == 2
+    assert "gives the driver 'muscle'" in capsys.readouterr().err
 
 
 def test_a_motor_is_as_stiff_as_the_weight_needs_and_as_can_be_damped() -> None:
