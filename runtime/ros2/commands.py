@@ -29,6 +29,7 @@ from srl.runtime.ros2.inbox import Inbox, Item
 from srl.runtime.ros2.names import TRAJECTORY, TRIGGER, topic
 from srl.runtime.ros2.node import Call, Node
 
+Payload = Callable[[zenoh.Sample], bytes | None]
 RESPONSE: Final = "std_srvs/srv/Trigger_Response"
 TOLD: Final = 1_000_000_000  # ns between two lines about what was refused
 LONGEST_LINE: Final = 300  # characters, as the text may be a peer's
@@ -77,13 +78,17 @@ class Commands:
             self._subscribe(node, entry["name"], entry["max_age"])
 
     def _subscribe(self, node: Node, name: str, max_age: float) -> None:
-        where, newest = topic(name), self._inbox.newest
+        newest = self._inbox.newest
         for kind, last in ((messages.MULTI_ARRAY, "commands"), (messages.JOINT_STATE, "joint_commands")):
-            node.subscribe(f"{where}/{last}", kind, newest(partial(self._setpoint, name, kind, max_age)))
+            where = f"{topic(name)}/{last}"
+            payload = partial(node.payload, topic=where, kind=kind)
+            node.subscribe(where, kind, newest(partial(self._setpoint, name, kind, max_age, payload)))
         follower = Follower(self._layout, name, partial(self._send, name), self._refuse)
         if follower.able:
             self._followers[name] = follower
-            node.subscribe(f"{where}/joint_trajectory", TRAJECTORY, newest(partial(self._trajectory, follower)))
+            where = f"{topic(name)}/joint_trajectory"
+            payload = partial(node.payload, topic=where, kind=TRAJECTORY)
+            node.subscribe(where, TRAJECTORY, newest(partial(self._trajectory, follower, payload)))
 
     def turn(self, rows: NDArray[np.int64], row: NDArray[np.int64] | None, lost: int, now: int) -> None:
         """Goes on with the trajectories.
@@ -110,21 +115,23 @@ class Commands:
         else:
             call.answer(cdr.encode(RESPONSE, {"success": True, "message": ""}))
 
-    def _setpoint(self, name: str, kind: str, max_age: float, item: Item) -> None:
+    def _setpoint(self, name: str, kind: str, max_age: float, payload: Payload, item: Item) -> None:
         if self._inbox.overtaken(item) or time.monotonic_ns() - item.came > max_age * 1e9:
             return  # its time is over
+        if (content := payload(item.what)) is None:
+            return
         try:
             field, place = self._layout.fields[name], f"topic of '{name}'"
-            values = messages.read_values(item.what, messages.encoding(kind), field, place)
+            values = messages.read_values(content, messages.encoding(kind), field, place)
             if name in self._followers:
                 self._followers[name].cancel("another command came")
             self._send(name, values)
         except SrlError as error:
             self._refuse(str(error))
 
-    def _trajectory(self, follower: Follower, item: Item) -> None:
-        if not self._inbox.overtaken(item):
-            follower.take(item.what, item.came, time.time_ns())
+    def _trajectory(self, follower: Follower, payload: Payload, item: Item) -> None:
+        if not self._inbox.overtaken(item) and (content := payload(item.what)) is not None:
+            follower.take(content, item.came, time.time_ns())
             if self._inbox.overtaken(item):
                 follower.cancel("a stop came")
 

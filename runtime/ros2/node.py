@@ -115,18 +115,16 @@ class Node:
         self._announce("MP", topic, kind, qos)
         return Publisher(made, matching)
 
-    def subscribe(self, topic: str, kind: str, take: Callable[[bytes], None]) -> None:
-        """Declares a subscription. `take` gets each sample's CDR, in a thread of zenoh's, and must not block."""
-        key = self._key(topic, kind)
-
-        def arrive(sample: zenoh.Sample) -> None:
-            given = b"" if sample.attachment is None else sample.attachment.to_bytes()
-            # A put by wildcard, or without ROS 2's attachment, is no sample of this topic.
-            if str(sample.key_expr) == key and attachment.is_one(given):
-                take(sample.payload.to_bytes())
-
-        self._declared.append(self.session.declare_subscriber(key, arrive))
+    def subscribe(self, topic: str, kind: str, take: Callable[[zenoh.Sample], None]) -> None:
+        """Declares a subscription. `take` gets each sample, in a thread of zenoh's, and must not block."""
+        self._declared.append(self.session.declare_subscriber(self._key(topic, kind), take))
         self._announce("MS", topic, kind, Qos())
+
+    def payload(self, sample: zenoh.Sample, topic: str, kind: str) -> bytes | None:
+        """A sample's CDR; None: it was put by wildcard or without ROS 2's attachment, so it is none of this topic."""
+        given = b"" if sample.attachment is None else sample.attachment.to_bytes()
+        is_own = str(sample.key_expr) == self._key(topic, kind) and attachment.is_one(given)
+        return sample.payload.to_bytes() if is_own else None
 
     def service(self, name: str, kind: str, take: Callable[[Call], None]) -> None:
         """Declares a service. `take` gets each call, in a thread of zenoh's, and must not block."""

@@ -113,7 +113,7 @@ class Ros2:
         self._node: Node | None = None
         self._topics: _Topics | None = None
         self._commands: Commands | None = None
-        self._retry = 0
+        self._retry, self._waits = 0, False
 
     def run(self, ending: Ending | None = None) -> None:
         """Runs until the ring is closed or this process is to end."""
@@ -154,9 +154,13 @@ class Ros2:
         self._retry = now + RETRY
         session = connect(self._config, self._tls)
         if session is None:
+            if not self._waits:
+                self._waits = True
+                print(f"ros2: no router at {self._config.router}; the node waits for one", file=sys.stderr, flush=True)
             return
         node = self._node = Node(session, self._config, self._name)
         self._topics = _Topics(node, self._name, self._layout, self._joints, self._tree)
+        print(f"ros2: the node is at the router {self._config.router}", file=sys.stderr, flush=True)
 
     def _take_commands(self) -> None:
         """Announces what peers may ask for, once the bus is there to pass it on."""

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -103,7 +104,7 @@ def port() -> int:
 @contextmanager
 def node(folder: Path, port: int, profile: str, *more: str, **options: Any) -> Iterator[Running]:
     ros2 = json.dumps({"router": f"tcp/127.0.0.1:{port}"} | options)
-    instance = more[1] if more else profile
+    instance = more[1] if "--instance" in more else profile
     with Running(folder, profile, "--sim", "--set", f"bus.ros2={ros2}", *more, instance=instance) as run:
         run.started()
         yield run
@@ -201,7 +202,9 @@ def test_a_trajectory_moves_the_joints_along_it_and_a_stop_ends_it(
         whole = types[kind](header=header, joint_names=["distal", "proximal"], points=made)
         return bytes(STORE.serialize_cdr(whole, kind))
 
-    with router(port), node(tmp_path, port, "servo-jog", commands=True) as run:
+    # A busy machine may let the node stand still for longer than the profile's 0.5 s.
+    patient = ("--set", "setpoints={client.position: {shape: [2], unit: rad, labels: [proximal, distal], max_age: 4}}")
+    with router(port), node(tmp_path, port, "servo-jog", *patient, commands=True) as run:
         seen = peer()
         until(lambda: len(seen.tokens("SS")) == 3, what="the services")
 
@@ -225,13 +228,18 @@ def test_a_trajectory_moves_the_joints_along_it_and_a_stop_ends_it(
             seen_at.append(sent())
             return bool(np.allclose(seen_at[-1], (0.2, 0.4), atol=2e-3))
 
-        session.put(key, message((0.5, (0.2, 0.1)), (2.0, (0.4, 0.2))), attachment=ATTACHMENT)
+        # One that comes before the node has read that the limb moves is refused.
+        until(
+            lambda: np.abs(np.subtract(sent(), begin)).max() > 0.01,
+            lambda: session.put(key, message((0.5, (0.2, 0.1)), (2.0, (0.4, 0.2))), attachment=ATTACHMENT),
+            pause=0.5, what="the first step",
+        )  # fmt: skip
         until(moves, what="the end of the trajectory")
         assert np.linalg.norm(np.array(begin) - (0.2, 0.4)) > 0.1
         assert np.max(seen_at) < 0.42
         # It is held, beyond the setpoint's max_age.
         stamp = run.header("now")
-        until(lambda: run.header("now") > stamp + 1_500_000_000, what="time")
+        until(lambda: run.header("now") > stamp + 4_500_000_000, what="time")
         assert run.header("state") == State.ACTIVE
         session.put(key, message((20.0, (0.0, 0.0))), attachment=ATTACHMENT)
         until(lambda: sent()[1] < 0.39, what="the way back")
@@ -242,6 +250,43 @@ def test_a_trajectory_moves_the_joints_along_it_and_a_stop_ends_it(
         stood, stamp = sent(), run.header("now")
         until(lambda: run.header("now") > stamp + 700_000_000, what="time")
         np.testing.assert_allclose(sent(), stood, atol=5e-3)  # what was asked before the stop isn't gone on with
+
+
+def test_a_stop_is_heard_in_a_flood_and_undoes_the_resets_before_it(
+    tmp_path: Path, port: int, peer: Callable[[], Peer]
+) -> None:
+    kind = "std_msgs/msg/Float64MultiArray"
+    key = f"0/servo_jog/client/position/commands/{dds_type(kind)}/RIHS01_{HASHES[kind]}"
+    reset = f"0/servo_jog/reset/{dds_type(TRIGGER)}/RIHS01_{HASHES[TRIGGER]}"
+    with router(port), node(tmp_path, port, "servo-jog", commands=True) as run:
+        seen = peer()
+        until(lambda: len(seen.tokens("SS")) == 3, what="the services")
+        run.until(lambda: run.header("state") == State.ACTIVE, "motion")
+        layout = STORE.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+        payload = bytes(STORE.serialize_cdr(STORE.types[kind](layout=layout, data=np.array([0.1, 0.2])), kind))
+        session = seen.manager.session
+        over = threading.Event()
+
+        def flood() -> None:
+            while not over.is_set():
+                session.put(key, payload, attachment=ATTACHMENT)
+
+        flooding = threading.Thread(target=flood)
+        flooding.start()
+        try:
+            waiting = [
+                session.get(reset, payload=b"\0\1\0\0\0", attachment=ATTACHMENT, timeout=20.0) for _ in range(50)
+            ]
+            assert seen.trigger("/servo_jog/stop")[0]  # within its 10 s
+        finally:
+            over.set()
+            flooding.join()
+        for answers in waiting:
+            list(answers)
+        run.until(lambda: run.header("state") == State.STOPPED, "the stop")
+        # By wildcard nothing is asked.
+        list(session.get("0/**", target=zenoh.QueryTarget.ALL, attachment=ATTACHMENT, timeout=2.0))
+        assert run.header("state") == State.STOPPED
 
 
 def test_a_lost_router_is_found_again_and_the_run_goes_on(tmp_path: Path, port: int, peer: Callable[[], Peer]) -> None:
