@@ -6,7 +6,9 @@ Who may only read comes last, in a queue of its own: a flood of reading takes no
 from __future__ import annotations
 
 import queue
+import sys
 import time
+import traceback
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -107,7 +109,14 @@ class Arrivals:
 
     def _handle(self, item: _Item) -> None:
         while not self._stops.empty():
-            stop = self._stops.get_nowait()
-            stop.work(stop.what)
+            self._do(self._stops.get_nowait())
         self.overtaken = item.came < self._stopped
-        item.work(item.what)
+        self._do(item)
+
+    @staticmethod
+    def _do(item: _Item) -> None:
+        try:
+            item.work(item.what)
+        except Exception:
+            print("bus: a client's request failed:", file=sys.stderr)
+            traceback.print_exc()

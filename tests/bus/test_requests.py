@@ -255,3 +255,12 @@ def test_a_signal_at_the_end_of_a_wait_doesnt_hold_the_bus_for_ever() -> None:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+
+
+def test_a_request_that_fails_ends_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    arrivals, done = Arrivals(), []
+    arrivals.into(lambda what: 1 / what)(0)
+    arrivals.into(done.append)("next")
+    arrivals.handle(1.0)
+    assert done == ["next"]
+    assert "ZeroDivisionError" in capsys.readouterr().err
