@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
-from pydantic import AfterValidator, Field
 
 from srl.drivers.dynamixel import Dynamixel
 from srl.drivers.dynamixel.config import DynamixelConfig
@@ -13,74 +12,36 @@ from srl.drivers.dynamixel.family import Family, Family2, family
 from srl.drivers.dynamixel.faults import DynamixelFaults
 from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
 from srl.drivers.servo_bus.faults import BEYOND, FAR
-from srl.runtime.contracts.errors import DeviceLostError, WiringError
 from srl.runtime.contracts.signals import Array, Kind, Stop
-from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.shared.noise import SampleNoise
-from srl.sim.devices.shared.servo_chain import numbers
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.runtime.contracts.world import World
+from srl.sim.devices.shared.servo_fake import FakeServos, FakeServosConfig
+from srl.sim.devices.shared.windows import refuse_while_gone
 from srl.sim.parts.dynamixel.chain import DynamixelChain
 from srl.sim.parts.servo_bus.motors import Motors
-from srl.sim.world.cell import Cell
 
 REBOOT: Final = 300_000_000  # ns that a servo takes to reboot
 _MODES: Final = {"position": POSITION, "extended": EXTENDED, "velocity": VELOCITY, "effort": CURRENT}
 
 
-class FakeDynamixelConfig(FakeConfig):
+class FakeDynamixelConfig(FakeServosConfig):
     """Options of the fake."""
 
-    part: str | None = Field(default=None, description="the cell's chain; None: the one that fits")
-    quantise: bool = Field(default=True, description="whole counts and units, as the registers give them")
-    noise: float = Field(default=0.0, ge=0, description="counts, standard deviation of the encoders")
-    delay: float = Field(default=0.001, ge=0, le=0.1, description="s, from a sample to its arrival, at least a cycle")
-    dropout: float = Field(default=0.0, ge=0, le=1, description="probability that an exchange isn't answered in full")
-    loss: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in world time during which the bus is gone"
-    )
 
-
-class FakeDynamixel(Fake):
-    """The servos of one bus of the chain.
-
-    As on the real bus, a sample is requested in one cycle and arrives in a later one; goals are sent in between.
-    When the bus is lost, servos continue until their watchdog stops them. Noise and drop-outs of the options depend
-    only on the seed, the name and the number of the exchange. Exchanges are counted by world time from its start.
-    """
+class FakeDynamixel(FakeServos):
+    """The servos of one bus of the chain. When the bus is lost, they continue until their watchdog stops them."""
 
     Options = FakeDynamixelConfig
     real = Dynamixel
     config: DynamixelConfig
 
     def __init__(self, name: str, config: DynamixelConfig, world: World, options: FakeDynamixelConfig) -> None:
-        super().__init__(name, config, world, options)
-        if not isinstance(world, Cell):
-            raise WiringError(
-                f"sim.devices.{name}",
-                f"the world {type(world).__name__} has no servos for this fake",
-                "Set 'world: cell' and list a part of kind dynamixel-chain",
-            )
-        self._config, self._options = config, options
+        super().__init__(name, config, world, options, DynamixelChain)
         self._kind = self.commands[0].kind
-        self.chain = world.part(DynamixelChain, name, options.part)
-        self.numbers = numbers(self.chain, config.motors, name)
-        self._of = np.array(self.numbers)
         self.family: Family = family(config)
         self._fresh = [self._memory(i) for i in range(len(config.motors))]
-        self._noise = SampleNoise(world.seed, name, len(self.numbers), options.noise)
-        self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in config.motors.values()])
         self._faults = DynamixelFaults(tuple(config.motors))
-        self._sample: tuple[int, Array] | None = None  # (time of the sample, its values (5, n))
-        self._sampled = self._wrote = False
+        self._wrote = False
         self._back_at: dict[int, int] = {}  # world time, ns, at which each rebooting motor is back
-
-    @property
-    def motors(self) -> Motors:
-        """The servos, with encoders read now; `numbers` are those of this bus."""
-        return self.chain.measure()
-
-    def looks(self) -> Array:
-        return self.chain.angles()[self._of]
 
     # -- life cycle
 
@@ -108,23 +69,12 @@ class FakeDynamixel(Fake):
     def read(self, now: int) -> None:
         self._check()
         self._come_back()
-        time = self.world.time
-        if self._sample is not None and self._sample[0] > time:
-            self._sample = None  # the world was restored to an earlier state
-        if self._sample is not None and time >= self._sample[0] + round(self._options.delay * 1e9):
-            taken, found = self._sample
-            self._sample = None
-            if self._options.dropout and self._noise.uniform(self._exchange(taken)) < self._options.dropout:
-                self.health.errors += 1
-            else:
-                self._deliver(found, taken)
-                self.health.stamp = now - (time - taken)
-                self.health.frames += len(self.numbers)
+        self._arrive(now)
         self._find_faults()
         if not self._wrote and self._kind is not Kind.POSITION:
             self._zero()
         self._wrote = False
-        self._talk(time)
+        self._talk()
 
     def write(self, now: int) -> None:
         self._check()
@@ -199,22 +149,18 @@ class FakeDynamixel(Fake):
         if (sent := self.sent_arrays.get(self._config.command)) is not None:
             sent[:] = 0.0
 
-    def _talk(self, time: int) -> None:
+    def _talk(self) -> None:
         """Requests the next sample, which also resets the watchdogs (protocol 2)."""
         motors = self.motors
         if isinstance(self.family, Family2):
             for i in self.numbers:
                 motors.watchdog[i] = self._config.watchdog
-        if self._sample is None and not self._back_at:
-            of = self._of
-            motion = motors.counts[of], motors.velocity[of], motors.current[of]
-            self._sample = time, np.array([*motion, motors.temperature[of], np.full(of.size, motors.voltage)])
+        if not self._back_at:
+            self._request()
 
     def _deliver(self, found: Array, taken: int) -> None:
         counts, velocity, current, temperature, voltage = found
         f, out = self.family, self.state_arrays
-        if self._options.noise:
-            counts = counts + np.rint(self._noise.noise(self._exchange(taken)))
         speed, amps, volts = velocity / f.velocity_unit, current / f.current_unit, voltage / 0.1
         if self._options.quantise:
             speed, amps, volts, temperature = (np.rint(x) for x in (speed, amps, volts, temperature))
@@ -225,11 +171,6 @@ class FakeDynamixel(Fake):
         np.multiply(amps, f.current_effort, out=out["effort"])
         out["temperature"][:] = temperature
         np.multiply(volts, 0.1, out=out["voltage"])
-        self._sampled = True
-
-    def _exchange(self, time: int) -> int:
-        """The number of the exchange at `time`, ns."""
-        return time // 1_000_000
 
     def _find_faults(self) -> None:
         motors = self.chain.motors
@@ -260,10 +201,3 @@ class FakeDynamixel(Fake):
             if register.end <= len(memory):
                 memory[register.address : register.end] = register.encode(register.default)
         return bytes(memory)
-
-    def _check(self) -> None:
-        if not self.health.connected or inside(self._options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated bus is gone", "It comes back at the end of its 'loss' window"
-            )

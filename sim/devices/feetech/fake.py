@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import AfterValidator, Field
 
 from srl.drivers.feetech import Feetech
 from srl.drivers.feetech.config import FeetechConfig
@@ -14,63 +11,32 @@ from srl.drivers.feetech.table import END, TABLE
 from srl.drivers.feetech.units import CURRENT, VOLT, FeetechUnits
 from srl.drivers.servo_bus.faults import BEYOND, FAR
 from srl.drivers.servo_bus.models import PER_COUNT
-from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array, Stop
-from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.shared.noise import SampleNoise
-from srl.sim.devices.shared.servo_chain import numbers
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.runtime.contracts.world import World
+from srl.sim.devices.shared.servo_fake import FakeServos, FakeServosConfig
+from srl.sim.devices.shared.windows import refuse_while_gone
 from srl.sim.parts.feetech.chain import FeetechChain
-from srl.sim.parts.servo_bus.motors import EXTENDED, POSITION, Motors
+from srl.sim.parts.servo_bus.motors import EXTENDED, POSITION
 
 _COMMAND = "position_command"
 _ERRORS = 0x2F  # the bits of a servo's errors that this bus has
 
 
-class FakeFeetechConfig(FakeConfig):
+class FakeFeetechConfig(FakeServosConfig):
     """Options of the fake."""
 
-    part: str | None = Field(default=None, description="the cell's chain; None: the one that fits")
-    quantise: bool = Field(default=True, description="whole counts and units, as the registers give them")
-    noise: float = Field(default=0.0, ge=0, description="counts, standard deviation of the encoders")
-    delay: float = Field(default=0.001, ge=0, le=0.1, description="s, from a sample to its arrival, at least a cycle")
-    dropout: float = Field(default=0.0, ge=0, le=1, description="probability that an exchange isn't answered in full")
-    loss: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in world time during which the bus is gone"
-    )
 
-
-class FakeFeetech(Fake):
-    """The servos of one bus of the chain.
-
-    A sample is requested in one cycle and arrives in a later one. When the bus is lost, the servos go on to their last
-    goals: they have no watchdog. Noise and drop-outs depend only on the seed, the name and the number of the exchange.
-    """
+class FakeFeetech(FakeServos):
+    """The servos of one bus of the chain. When the bus is lost, they go on to their last goals, without a watchdog."""
 
     Options = FakeFeetechConfig
     real = Feetech
     config: FeetechConfig
 
     def __init__(self, name: str, config: FeetechConfig, world: World, options: FakeFeetechConfig) -> None:
-        super().__init__(name, config, world, options)
-        self._config, self._options = config, options
-        self.chain = require_cell(world, name).part(FeetechChain, name, options.part)
-        self.numbers = numbers(self.chain, config.motors, name)
-        self._of = np.array(self.numbers)
+        super().__init__(name, config, world, options, FeetechChain)
         self.units = FeetechUnits(config)
-        self._noise = SampleNoise(world.seed, name, len(self.numbers), options.noise)
-        self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in config.motors.values()])
         self._faults = FeetechFaults(tuple(config.motors))
-        self._sample: tuple[int, Array] | None = None  # (time of the sample, its values (5, n))
-        self._sampled = False
-
-    @property
-    def motors(self) -> Motors:
-        """The servos, with encoders read now; `numbers` are those of this bus."""
-        return self.chain.measure()
-
-    def looks(self) -> Array:
-        return self.chain.angles()[self._of]
 
     # -- life cycle
 
@@ -97,23 +63,9 @@ class FakeFeetech(Fake):
 
     def read(self, now: int) -> None:
         self._check()
-        time = self.world.time
-        if self._sample is not None and self._sample[0] > time:
-            self._sample = None  # the world was restored to an earlier state
-        if self._sample is not None and time >= self._sample[0] + round(self._options.delay * 1e9):
-            taken, found = self._sample
-            self._sample = None
-            if self._options.dropout and self._noise.uniform(taken // 1_000_000) < self._options.dropout:
-                self.health.errors += 1
-            else:
-                self._deliver(found, taken)
-                self.health.stamp = now - (time - taken)
-                self.health.frames += len(self.numbers)
+        self._arrive(now)
         self._find_faults()
-        if self._sample is None:
-            motors, of = self.motors, self._of
-            motion = motors.counts[of], motors.velocity[of], motors.current[of]
-            self._sample = time, np.array([*motion, motors.temperature[of], np.full(of.size, motors.voltage)])
+        self._request()
 
     def write(self, now: int) -> None:
         self._check()
@@ -161,8 +113,6 @@ class FakeFeetech(Fake):
     def _deliver(self, found: Array, taken: int) -> None:
         counts, velocity, current, temperature, voltage = found
         units, out = self.units, self.state_arrays
-        if self._options.noise:
-            counts = counts + np.rint(self._noise.noise(taken // 1_000_000))
         speed, amps, volts = velocity / PER_COUNT, current / CURRENT, voltage / VOLT
         if self._options.quantise:
             speed, amps, volts, temperature = (np.rint(x) for x in (speed, amps, volts, temperature))
@@ -173,7 +123,6 @@ class FakeFeetech(Fake):
         np.multiply(amps, units.current_effort, out=out["effort"])
         out["temperature"][:] = temperature
         np.multiply(volts, VOLT, out=out["voltage"])
-        self._sampled = True
         warning = self._watch.judge(out["temperature"], out["voltage"], taken, self._faults)
         self.health.message = f"simulated servos; {warning}" if warning else "simulated servos"
 
@@ -182,10 +131,3 @@ class FakeFeetech(Fake):
         for k, i in enumerate(self.numbers):
             self._faults.bits(k, int(motors.errors[i]) & _ERRORS)
         self.health.fault = self._faults.text()
-
-    def _check(self) -> None:
-        if not self.health.connected or inside(self._options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated bus is gone", "It comes back at the end of its 'loss' window"
-            )
