@@ -14,6 +14,7 @@ import pytest
 from helpers.recording import make_layout
 from srl.runtime.ipc.channel import Channel
 from srl.runtime.ipc.events import EventWriter
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.launch import Launch
 from srl.runtime.ipc.ring import RingWriter
 from srl.runtime.ipc.run_folder import RunFolder
@@ -62,7 +63,10 @@ class LoopDouble:
         assert self.supervisor.step()
         self.slots.write(slot, (frame,))
 
-    def run(self, rows: int = 3, period: int = 1_000_000, unpaced: bool = True, moves: bool = True) -> None:
+    def run(
+        self, rows: int = 3, period: int = 1_000_000, unpaced: bool = True, moves: bool = True,
+        state: State = State.ACTIVE,
+    ) -> None:  # fmt: skip
         """Makes the run's files, and says that the loop runs. `period`: ns; `moves`: it commands something."""
         layout = make_layout()
         if moves and not any(field.role == "sent" for field in layout.fields.values()):
@@ -71,7 +75,9 @@ class LoopDouble:
         EventWriter(self.run_folder.events).close()
         self.ring = RingWriter.create(self.run_folder.rows, layout.width, 16)
         for k in range(rows):
-            self.ring.append(self.ring.rows[k, 1:-1])
+            row = self.ring.rows[k, 1:-1]
+            row[CYCLE.state] = state
+            self.ring.append(row)
         self.ring.touch(time.monotonic_ns())
         self.say_running(period, unpaced)
 

@@ -17,6 +17,7 @@ from helpers.loop_double import LoopDouble
 from helpers.run import alive
 from helpers.wait import until
 
+from srl.runtime.ipc.header import State
 from srl.runtime.loop import realtime
 from srl.runtime.loop.control_end import ControlEnd
 from srl.runtime.recording.reader import read
@@ -187,6 +188,21 @@ def test_where_nothing_is_commanded_a_loop_may_be_silent_for_longer(
     loop.run(period=1_000_000, unpaced=False, moves=False)
     until(lambda: loop.supervisor.step() and loop.supervisor.running)
     for silent, goes_on in ((1_002_000_000, True), (1_002_000_001, False)):
+        now = started + silent
+        loop.supervisor._checked = now  # checked all the time
+        assert loop.supervisor.step() is goes_on
+    assert not alive(loop.process.pid)
+
+
+@pytest.mark.parametrize("state", [State.STARTING, State.READY])
+def test_before_its_start_a_limb_may_be_silent_for_longer(
+    loop: LoopDouble, monkeypatch: pytest.MonkeyPatch, state: State
+) -> None:
+    started = now = time.monotonic_ns()
+    monkeypatch.setattr(service.time, "monotonic_ns", lambda: now)
+    loop.run(period=1_000_000, unpaced=False, state=state)
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    for silent, goes_on in ((1_000_000_000, True), (1_000_000_001, False)):
         now = started + silent
         loop.supervisor._checked = now  # checked all the time
         assert loop.supervisor.step() is goes_on
