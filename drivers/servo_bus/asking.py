@@ -9,7 +9,7 @@ from srl.drivers.servo_bus.packets import Status
 from srl.drivers.servo_bus.units import OnLine
 from srl.drivers.transport import Transport
 
-TRIES: Final = 3
+TRIES: Final = 5  # a busy host may let three go by
 ANSWER: Final = 0.06  # s; a USB adapter alone may take 16 ms each way
 ECHO_TRIES: Final = 3
 
