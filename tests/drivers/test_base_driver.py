@@ -19,6 +19,7 @@ from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Kind, Stop
 
 
+@pytest.mark.serial  # its twin is a process: where it stands still for a second, the robot counts as lost
 @pytest.mark.parametrize(
     ("options", "clock"),
     [({}, 0.0), ({"message": "TwistStamped"}, 86400.0), ({"middleware": "rmw_zenoh", "message": "TwistStamped"}, -3.0)],
