@@ -71,49 +71,22 @@ class Samples(Protocol):
 
 
 class Procedure(ABC):
-    """The engine of a guided procedure, which goes from step to step as samples come.
-
-    Samples come in columns, each (T, ...); the first is time in s. Those that bear the present step's mark count.
+    """A guided procedure, which goes from step to step as samples come.
 
     Attributes:
         step: the present step.
     """
 
     step: Any
-    _columns: tuple[Array, ...] = ()
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to do."""
         return bool(self.step.kind.value == "done")
 
-    def _begin(self, step: Step) -> None:
-        self.step = step
-        self._columns = ()
-
+    @abstractmethod
     def feed(self, samples: Any) -> None:
         """Takes new samples, as the method's own kind; those that bear another mark than the step's don't count."""
-        own = samples.marks == self.step.mark
-        if not own.any() or self.done:
-            return
-        new, before = self._columns_of(samples, own), self._columns
-        self._columns = tuple(map(np.concatenate, zip(before, new, strict=True))) if before else new
-        self._fed()
-
-    def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
-        """Times and values of the samples at `own`."""
-        raise NotImplementedError
-
-    def _fed(self) -> None:
-        """Looks at the step's samples, which are more now: whether it is over."""
-
-    @property
-    def _times(self) -> Array:
-        return self._columns[0] if self._columns else np.empty(0)
-
-    def _elapsed(self) -> float:
-        """s, from the step's first sample to its last."""
-        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0
 
     @abstractmethod
     def instruction(self) -> Instruction:
@@ -134,3 +107,40 @@ class Procedure(ABC):
     @abstractmethod
     def view(self) -> View:
         """What a person is shown now."""
+
+
+class StepProcedure(Procedure):
+    """A procedure that looks at all samples of its present step.
+
+    They come in columns, each (T, ...); the first is time in s.
+    """
+
+    _columns: tuple[Array, ...] = ()
+
+    def _begin(self, step: Step) -> None:
+        self.step = step
+        self._columns = ()
+
+    def feed(self, samples: Any) -> None:
+        own = samples.marks == self.step.mark
+        if not own.any() or self.done:
+            return
+        new, before = self._columns_of(samples, own), self._columns
+        self._columns = tuple(map(np.concatenate, zip(before, new, strict=True))) if before else new
+        self._fed()
+
+    @abstractmethod
+    def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
+        """Times and values of the samples at `own`."""
+
+    @abstractmethod
+    def _fed(self) -> None:
+        """Looks at the step's samples, which are more now: whether it is over."""
+
+    @property
+    def _times(self) -> Array:
+        return self._columns[0] if self._columns else np.empty(0)
+
+    def _elapsed(self) -> float:
+        """s, from the step's first sample to its last."""
+        return float(self._times[-1] - self._times[0]) if len(self._times) else 0.0

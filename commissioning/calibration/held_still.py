@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.commissioning.calibration.guided import Bar, Procedure, View
+from srl.commissioning.calibration.guided import Bar, StepProcedure, View
 from srl.runtime.contracts.signals import Array
 
 IDLE: Final = 0  # the mark of what doesn't count
@@ -40,7 +40,7 @@ class Step:
         return {Kind.HOLD: self.number, Kind.LEAVE: LEFT_OUT + self.number}.get(self.kind, IDLE)
 
 
-class HeldStill(Procedure):
+class HeldStill(StepProcedure):
     """Each thing is held still: it begins once all is still and unlike in those before, and counts for `hold` seconds.
 
     Attributes:

@@ -12,12 +12,13 @@ import numpy as np
 from srl.drivers.canbus import CanLink, frame_bits, open_can, shared_bus
 from srl.drivers.mit_can import declare, protocol
 from srl.drivers.mit_can.axes import Axes
+from srl.drivers.mit_can.checks import same_place, stoppable
 from srl.drivers.mit_can.config import MitCanConfig
 from srl.drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
 from srl.drivers.mit_can.faults import MitFaults, warnings
 from srl.drivers.mit_can.line import Line, command_ids
 from srl.drivers.mit_can.motor import Motor, Stage
-from srl.drivers.mit_can.opening import Opening, same_place, stoppable
+from srl.drivers.mit_can.opening import Opening
 from srl.drivers.mit_can.protocol import Impedance, State
 from srl.drivers.mit_can.replies import Replies
 from srl.runtime.contracts.driver import Driver, Traffic

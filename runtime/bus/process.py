@@ -23,11 +23,10 @@ from srl.runtime.bus.arrivals import Arrivals
 from srl.runtime.bus.requests import Requests, reply
 from srl.runtime.bus.status import Reporter
 from srl.runtime.contracts.errors import SrlError
-from srl.runtime.contracts.field import Field
 from srl.runtime.ipc.child import Ending
 from srl.runtime.ipc.descriptors import raise_limit
 from srl.runtime.ipc.events import EventReader
-from srl.runtime.ipc.header import CYCLE, DEVICE, FLAG_DEGRADED
+from srl.runtime.ipc.header import CYCLE, FLAG_DEGRADED
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import RequestWriter
 from srl.runtime.ipc.ring import RingReader
@@ -107,7 +106,7 @@ class Bus:
                 slice(f.offset, f.offset + f.size),
                 e := messages.Encoder(f),
                 publisher(self._keys.state(f.name), e.kind),
-                self._stamped_by(f),
+                self._layout.stamped_by(f),
             )
             for f in self._fields
         ]
@@ -199,18 +198,11 @@ class Bus:
         now = time.monotonic_ns()
         if now >= self._listeners_due:
             self._listeners_due = now + LISTENERS
-            self._heard = [signal for signal in self._signals if _matches(signal[2])]
+            self._heard = [signal for signal in self._signals if session.has_subscriber(signal[2])]
 
     def _every(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Every how many-th cycle is published, as each row (..., width) says."""
         return np.where(rows[..., _FLAGS] & FLAG_DEGRADED, 2 * self._decimate, self._decimate)
-
-    def _stamped_by(self, field: Field) -> int:
-        """The index of the word with the time of a signal's values: its device's stamp, else the cycle's time."""
-        device = field.name.partition(".")[0]
-        if field.role != "state" or device not in self._layout.devices:
-            return _NOW
-        return self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
 
     def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The rows at which the state, the cause or the latches change."""
@@ -262,12 +254,6 @@ def next_look(row: NDArray[np.int64], every: int, period: int, now: int) -> int:
     """
     ahead = every - int(row[_CYCLE]) % every
     return min(max(abs(int(row[_WRITE]) + ahead * period + APPENDED - now), SOON), SELDOM)
-
-
-def _matches(publisher: zenoh.Publisher) -> bool:
-    """Whether there is a subscriber. zenoh declares a bool but returns an object that is always true."""
-    status: Any = publisher.matching_status
-    return bool(getattr(status, "matching", status))
 
 
 def main(arguments: list[str], ending: Ending) -> int:

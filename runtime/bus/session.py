@@ -93,6 +93,12 @@ def _tls(tls: TlsConfig, side: str) -> dict[str, Any]:
     }
 
 
+def has_subscriber(publisher: zenoh.Publisher) -> bool:
+    """Whether there is a subscriber. zenoh declares a bool but returns an object that is always true."""
+    status: Any = publisher.matching_status
+    return bool(getattr(status, "matching", status))
+
+
 def client_tls(tls: TlsConfig) -> dict[str, Any]:
     """zenoh's options of a TLS link that this side opens."""
     return _tls(tls, "connect")

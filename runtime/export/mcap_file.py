@@ -126,13 +126,12 @@ def _signals(channels: _Channels, layout: Layout, wall: int) -> Iterator[tuple[i
         encoder = Encoder(field)
         about = {k: v for k, v in describe(field).items() if k != "type" and v is not None}
 
-        device = field.name.partition(".")[0]
-        sampled = f"{device}.stamp" if field.role == "state" and device in layout.devices else "now"
+        column = layout.stamped_by(field)
 
         def make(
-            rows: Words, stamps: Words, name: str = field.name, encoder: Encoder = encoder, sampled: str = sampled
+            rows: Words, stamps: Words, name: str = field.name, encoder: Encoder = encoder, column: int = column
         ) -> NDArray[np.uint8]:
-            taken = layout.header(rows, sampled)
+            taken = rows[:, column]
             return encoder.encode_all(layout.value(rows, name), np.where(taken < 0, stamps, taken + wall))
 
         yield channels.add(topic, encoder.kind, about), make
@@ -154,12 +153,7 @@ class _Robot:
         if static["transforms"]:
             self._latched(channels, "/tf_static", TF, static, first)
         if found:
-            limits = {
-                name: {**given, "labels": layout.fields[name].labels}
-                for name, given in layout.meta.get("limits", {}).items()
-                if name in layout.fields
-            }
-            text = description(str(layout.meta.get("name", "robot")), self._tree, self._joints, limits)
+            text = description(str(layout.meta.get("name", "robot")), layout, self._tree, self._joints)
             self._latched(channels, "/robot_description", STRING, {"data": text}, first)
 
     def _latched(self, channels: _Channels, topic: str, kind: str, message: cdr.Message, stamp: int) -> None:

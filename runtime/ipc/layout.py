@@ -112,6 +112,13 @@ class Layout:
         field: NDArray[np.int64] = rows[..., self.int_names.index(name)]
         return field
 
+    def stamped_by(self, field: Field) -> int:
+        """The index of the header field with the time of a signal's values: its device's stamp, else the cycle's."""
+        device = field.name.partition(".")[0]
+        if field.role != "state" or device not in self.devices:
+            return CYCLE.now
+        return self.device(self.devices.index(device)).start + DEVICE.stamp
+
     def value(self, rows: NDArray[np.int64], name: str) -> Array:
         """The signal `name` of rows shaped (k, width) or (width,): (k, *shape) or (*shape,) float64."""
         f = self.fields[name]

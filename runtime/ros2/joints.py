@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.header import CYCLE, DEVICE
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.messages import cdr
 from srl.runtime.messages.messages import joint_names, time_of
@@ -74,10 +73,7 @@ class Joints:
             found = fields.get(f"{device}.{name}")
             return found if found is not None and found.shape == position.shape else None
 
-        column = CYCLE.now
-        if position.role == "state":
-            column = self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
-        return _Group(position, fitting("velocity"), fitting("effort"), column)
+        return _Group(position, fitting("velocity"), fitting("effort"), self._layout.stamped_by(position))
 
     def name_of(self, robot: Robot, number: int) -> str:
         """The name of the joint that moves a robot's link."""

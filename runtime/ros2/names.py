@@ -64,16 +64,16 @@ class Qos:
 
     Attributes:
         depth: of the history, keep last.
-        latched: durability transient local: who comes late gets the last samples; else volatile.
+        transient_local: durability transient local: who comes late gets the last samples; else volatile.
     """
 
     depth: int = 10
-    latched: bool = False
+    transient_local: bool = False
 
     @property
     def text(self) -> str:
         """As in a liveliness token: reliable; deadline, lifespan and liveliness are the default."""
-        return f"1:{1 if self.latched else 2}:1,{self.depth}:,:,:,,"
+        return f"1:{1 if self.transient_local else 2}:1,{self.depth}:,:,:,,"
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,13 @@ import json
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import zenoh
 from zenoh import ext
 
-from srl.runtime.bus.session import client_tls
+from srl.runtime.bus.session import client_tls, has_subscriber
 from srl.runtime.contracts.tls import TlsConfig
 from srl.runtime.messages import attachment, messages
 from srl.runtime.profile.bus import Ros2Config
@@ -26,14 +27,14 @@ LONGEST_MESSAGE = 1 << 17  # bytes of what a peer sends
 class Publisher:
     """A topic's publisher; each sample bears its number, time and sender."""
 
-    def __init__(self, publisher: Any, matching: Callable[[], bool]) -> None:
-        self._publisher, self._matching = publisher, matching
+    def __init__(self, publisher: Any, heard: Callable[[], bool]) -> None:
+        self._publisher, self._heard = publisher, heard
         self._sent, self._sender = 0, os.urandom(16)
 
     @property
     def heard(self) -> bool:
         """Whether there is a subscriber."""
-        return self._matching()
+        return self._heard()
 
     def put(self, payload: bytes, stamp: int | None = None) -> None:
         """Publishes CDR. `stamp`: Unix ns; left out: now."""
@@ -103,17 +104,17 @@ class Node:
         common: dict[str, Any] = {
             "encoding": messages.encoding(kind), "congestion_control": zenoh.CongestionControl.DROP, "express": True,
         }  # fmt: skip
-        if qos.latched:
+        if qos.transient_local:
             made: Any = ext.declare_advanced_publisher(
                 self.session, key, cache=ext.CacheConfig(max_samples=qos.depth), publisher_detection=True, **common
             )
-            matching: Callable[[], bool] = lambda: True  # noqa: E731  (what is latched is always put)
+            heard: Callable[[], bool] = lambda: True  # noqa: E731  (who comes late gets it, too)
         else:
             made = self.session.declare_publisher(key, **common)
-            matching = lambda: bool(getattr(made.matching_status, "matching", made.matching_status))  # noqa: E731
+            heard = partial(has_subscriber, made)
         self._declared.append(made)
         self._announce("MP", topic, kind, qos)
-        return Publisher(made, matching)
+        return Publisher(made, heard)
 
     def subscribe(self, topic: str, kind: str, take: Callable[[zenoh.Sample], None]) -> None:
         """Declares a subscription. `take` gets each sample, in a thread of zenoh's, and must not block."""

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from srl.runtime.bus.process import LISTENERS, SILENT
 from srl.runtime.bus.status import Reporter
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.contracts.field import Field
 from srl.runtime.ipc.child import Ending
-from srl.runtime.ipc.header import CYCLE, DEVICE
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.ipc.run_folder import RunFolder
@@ -33,8 +33,6 @@ from srl.runtime.ros2.urdf import description
 
 PUBLISHED = ("state", "command", "applied", "sent", "internal")  # roles; a simulation's truth stays on the bus
 DIAGNOSED = 1_000_000_000  # ns between two diagnostics
-LISTENERS = 50_000_000  # ns: a new subscriber hears its signal no later than this
-SILENT = 500_000_000  # ns without a sign of life after which the loop counts as dead
 LOOK = 0.002  # s between two looks at the ring
 RETRY = 1_000_000_000  # ns between two attempts to reach the router
 
@@ -53,23 +51,14 @@ class _Topics:
             if field.role in PUBLISHED and field.size:
                 encoder = messages.Encoder(field)
                 publisher = node.publisher(topic(field.name), encoder.kind)
-                self._signals.append((field, encoder, publisher, self._stamped_by(field)))
+                self._signals.append((field, encoder, publisher, layout.stamped_by(field)))
         self._heard = self._signals[:0]
         self._listeners = 0
         # Latched: who comes late gets them, too.
-        static = node.publisher("/tf_static", TF, Qos(depth=1, latched=True))
+        static = node.publisher("/tf_static", TF, Qos(depth=1, transient_local=True))
         static.put(cdr.encode(TF, tree.static(time.time_ns())))
-        limits = {
-            name: {**found, "labels": layout.fields[name].labels} for name, found in layout.meta["limits"].items()
-        }
-        described = node.publisher("robot_description", messages.STRING, Qos(depth=1, latched=True))
-        described.put(cdr.encode(messages.STRING, {"data": description(name, tree, joints, limits)}))
-
-    def _stamped_by(self, field: Field) -> int:
-        device = field.name.partition(".")[0]
-        if field.role != "state" or device not in self._layout.devices:
-            return CYCLE.now
-        return self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
+        described = node.publisher("robot_description", messages.STRING, Qos(depth=1, transient_local=True))
+        described.put(cdr.encode(messages.STRING, {"data": description(name, layout, tree, joints)}))
 
     def publish(self, row: NDArray[np.int64], now: int) -> None:
         """Publishes a row (width,). now: CLOCK_MONOTONIC ns."""

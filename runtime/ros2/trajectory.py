@@ -17,10 +17,14 @@ from srl.runtime.contracts.signals import Array
 
 LONGEST = 600.0  # s
 MOST_POINTS = 2000
+NEAR = 0.05  # rad or m, from where the joints are to a first point at 0 s
 
 
 class Trajectory:
-    """Positions (n,) from 0 to `end` s, in the order of `names`."""
+    """Positions (n,) from 0 to `end` s, in the order of `names`.
+
+    It begins at rest where the joints are; a first point at 0 s must say the same, and its velocity doesn't count.
+    """
 
     def __init__(self, message: dict[str, Any], names: Sequence[str], start: Array, place: str) -> None:
         """
@@ -52,11 +56,15 @@ class Trajectory:
                 problem = f"the time of point {i + 1} is {time:g} s"
                 raise RequestError(place, problem, "Let times rise, to 600 s at most")
             degree = min(degree, 1 if not len(values[1]) else 3 if not len(values[2]) else 5)
-            if time > times[-1]:
+            row = [v[order] if len(v) else np.zeros(n) for v in values]
+            if time > 0.0:
                 times.append(time)
-            else:  # a first point at 0 is where it begins
-                rows.pop()
-            rows.append([v[order] if len(v) else np.zeros(n) for v in values])
+                rows.append(row)
+            elif not np.abs(row[0] - start).max() <= NEAR:
+                remedy = "Plan it from where they are, or leave point 1 out"
+                raise RequestError(place, "it begins where the joints aren't", remedy)
+        if len(times) == 1:
+            raise RequestError(place, "it has no point after its beginning", "Give a point a time above 0")
         if np.abs(rows[-1][1]).max() > 1e-9:
             raise RequestError(place, "it doesn't end at rest", "Give the last point the velocity 0")
         self.end, self._last = times[-1], rows[-1][0]
@@ -66,7 +74,7 @@ class Trajectory:
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Position and velocity (n,) at `time` s; the last point from `end` on."""
-        if time >= self.end or not len(self._spans):
+        if time >= self.end:
             return self._last, np.zeros_like(self._last)
         i = max(int(np.searchsorted(self._times, time, "right")) - 1, 0)
         s, T = (max(time, 0.0) - self._times[i]) / self._spans[i], self._spans[i]

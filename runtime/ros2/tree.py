@@ -13,7 +13,7 @@ from srl.runtime.contracts import rotation
 from srl.runtime.contracts.frames import as_pose
 from srl.runtime.contracts.rotation import Pose
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.header import CYCLE, DEVICE, State
+from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.messages import cdr
 from srl.runtime.messages.messages import time_of
@@ -97,14 +97,7 @@ class Tree:
                 found = of[robot.name][robot.linkage.moving.index(edge.number)]
                 pose, signal = tuple(found.tolist()), robot.angles
             if np.isfinite(pose).all():
-                yield edge, pose, self._stamp(row, signal)
-
-    def _stamp(self, row: NDArray[np.int64], signal: str) -> int:
-        """ns, of a signal's sample; of what no device measures the cycle's time."""
-        device, layout = signal.partition(".")[0], self._layout
-        if layout.fields[signal].role != "state" or device not in layout.devices:
-            return int(row[CYCLE.now])
-        return int(row[layout.device(layout.devices.index(device)).start + DEVICE.stamp])
+                yield edge, pose, int(row[self._layout.stamped_by(self._layout.fields[signal])])
 
 
 def frame_of(robot: Robot, number: int) -> str:

@@ -11,6 +11,7 @@ from typing import Any, Final
 from srl.runtime.contracts import rotation
 from srl.runtime.contracts.linkage import Solid
 from srl.runtime.contracts.rotation import Pose
+from srl.runtime.ipc.layout import Layout
 from srl.runtime.recording.robots import Robot
 from srl.runtime.ros2.joints import Joints
 from srl.runtime.ros2.tree import Edge, Tree
@@ -19,14 +20,19 @@ ROOT: Final = "srl_root"  # the link that several trees hang on; tf doesn't have
 FAR: Final = 1e3  # m, m/s, N, N m: where nobody has given a limit
 
 
-def description(name: str, tree: Tree, joints: Joints, limits: Mapping[str, Mapping[str, Any]]) -> str:
+def description(name: str, layout: Layout, tree: Tree, joints: Joints) -> str:
     """The URDF.
 
     Args:
         name: of the robot.
+        layout: of the rows, with the guard's limits of each command.
         tree, joints: links and joints, by their names in ROS.
-        limits: of each command, as the layout has them: lower, upper, velocity (n,).
     """
+    limits = {
+        command: {**found, "labels": layout.fields[command].labels}
+        for command, found in layout.meta.get("limits", {}).items()
+        if command in layout.fields
+    }
     robot = ET.Element("robot", name=name)
     own = {edge.child: edge for edge in tree.edges}
     visuals, materials = _files(edge.robot for edge in tree.edges if edge.robot is not None)
@@ -85,8 +91,8 @@ def _bounds(robot: Robot, number: int, limits: Mapping[str, Mapping[str, Any]]) 
         i = labels.index(link.joint)
         ends = sorted(link.factor * float(found[end][i]) + link.offset for end in ("lower", "upper"))
         velocity = found.get("velocity")
-        fastest = 0.0 if velocity is None else abs(link.factor) * float(velocity[i])
-        return (ends[0], ends[1], fastest) if isfinite(ends[0] + ends[1] + fastest) else None
+        fastest = FAR if velocity is None else min(abs(link.factor) * float(velocity[i]), FAR)
+        return (ends[0], ends[1], fastest) if isfinite(ends[0] + ends[1]) else None
     return None
 
 

@@ -137,23 +137,25 @@ class Supervisor:
             # After a stall of the whole machine the loop has one check's time to show that it goes on.
             late = before > 0 and now - before > HELD_UP + timeout * 1e9
             excused, self._excused = late and beat != self._excused, beat if late else self._excused
-            if not excused and silent > self._hung_after and silent > self._longest_silence():
+            if not excused and self._is_hung(silent):
                 self._loop_died(f"the loop gave no sign of life for {silent / 1e6:.0f} ms")
                 return False
         for helper in self.helpers if self.running else ():
             self._tend(helper)
         return self.death is None
 
-    def _longest_silence(self) -> int:
-        """ns for which the loop may be silent now."""
+    def _is_hung(self, silent: int) -> bool:
+        """Whether a loop that gave no sign of life for so many ns counts as hung."""
         assert self.rows is not None
         assert self.layout is not None
         if self.rows.closed:
-            return LET_GO
+            return silent > LET_GO
+        if silent <= self._hung_after:
+            return False
         row = self.rows.newest()
         # Before its start a limb was commanded nothing in this run, so nothing goes on while the machine stands still.
         waits = row is not None and int(self.layout.header(row, "state")) in (State.STARTING, State.READY)
-        return max(self._hung_after, HUNG_STILL) if waits else self._hung_after
+        return not waits or silent > HUNG_STILL
 
     # Where the process has no descriptor left, this one is closed for what can't wait.
 

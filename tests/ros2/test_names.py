@@ -62,7 +62,7 @@ def test_another_client_writes_the_same() -> None:
         )  # fmt: skip
         made = ours.entity(4, role, "joint_states", messages.JOINT_STATE, hashed, Qos())
         assert made == keyexpr.endpoint_liveliness_keyexpr(end)
-    read = qos.QosProfile.decode(Qos(depth=1, latched=True).text)
+    read = qos.QosProfile.decode(Qos(depth=1, transient_local=True).text)
     assert (read.durability, read.reliability) == (qos.QosDurability.TRANSIENT_LOCAL, qos.QosReliability.RELIABLE)
     assert read.history_depth == 1
 

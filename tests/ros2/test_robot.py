@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +21,6 @@ from srl.runtime.profile import profile, wiring
 from srl.runtime.recording.robots import FixedRobots, Robot, robots
 from srl.runtime.recording.shapes import Placing
 from srl.runtime.ros2.joints import Joints, moved_by_devices
-from srl.runtime.ros2.names import TF
 from srl.runtime.ros2.tree import Tree, frame_of
 from srl.runtime.ros2.urdf import description
 
@@ -63,6 +64,11 @@ class Run:
         return {frame: place(frame) for frame in own}
 
 
+def limited(layout: Layout, limits: dict[str, Any]) -> Layout:
+    """The layout with these limits of its commands."""
+    return replace(layout, meta=layout.meta | {"limits": limits})
+
+
 @pytest.fixture(scope="module", params=PROFILES)
 def run(request: pytest.FixtureRequest) -> Run:
     return Run(request.param)
@@ -103,11 +109,8 @@ def test_all_joints_are_there_once_with_what_is_measured(run: Run) -> None:
 
 
 def test_another_library_reads_the_urdf_and_has_the_links_where_tf_has_them(run: Run) -> None:
-    limits = {
-        name: {"labels": run.layout.fields[name].labels, "lower": [-2.0] * 30, "upper": [2.0] * 30, "velocity": None}
-        for name in run.layout.meta["commands"]
-    }
-    text = description("robot", run.tree, run.joints, limits)
+    limits = {name: {"lower": [-2.0] * 30, "upper": [2.0] * 30} for name in run.layout.meta["commands"]}
+    text = description("robot", limited(run.layout, limits), run.tree, run.joints)
     root = ET.fromstring(text)
     links = [link.get("name") for link in root.findall("link")]
     joints = [joint.get("name") for joint in root.findall("joint")]
@@ -149,27 +152,39 @@ def test_another_library_reads_the_urdf_and_has_the_links_where_tf_has_them(run:
     assert compared > 1
 
 
-def test_limits_are_the_guards(run: Run) -> None:
-    layout = run.layout
-    for name in layout.meta["commands"]:
-        labels = layout.fields[name].labels
-        size = layout.fields[name].size
-        limits = {
-            name: {"labels": labels, "lower": list(-np.arange(1.0, size + 1)), "upper": [3.0] * size, "velocity": None}
-        }
-        root = ET.fromstring(description("robot", run.tree, run.joints, limits))
-        for joint in root.findall("joint"):
-            if joint.get("name") in labels and (found := joint.find("limit")) is not None and found.get("upper") == "3":
-                assert float(found.get("lower", "0")) == -(1.0 + labels.index(joint.get("name", "")))
+@pytest.mark.parametrize("name", ["human-srl", "so101"])
+def test_limits_are_the_guards(name: str) -> None:
+    run = Run(name)
+    (command,) = (name for name in run.layout.meta["commands"] if name.endswith("position_command"))
+    labels = run.layout.fields[command].labels
+    n = np.arange(1.0, len(labels) + 1)
+    limits = {"lower": list(-n), "upper": list(2 * n), "velocity": list(3 * n), "effort": list(4 * n)}
+    text = description("robot", limited(run.layout, {command: limits}), run.tree, run.joints)
+    found = {joint.get("name"): joint.find("limit") for joint in ET.fromstring(text).findall("joint")}
+    for label, number in zip(labels, n, strict=True):
+        limit = found[label]
+        assert limit is not None
+        made = [float(limit.get(key, "nan")) for key in ("lower", "upper", "velocity", "effort")]
+        assert made == [-number, 2 * number, 3 * number, 4 * number]
+
+
+def test_where_the_guard_has_no_limit_a_joint_goes_round_and_a_slide_goes_far() -> None:
+    run = Run("human-srl")
+    joints = ET.fromstring(description("robot", limited(run.layout, {}), run.tree, run.joints)).findall("joint")
+    own = [joint for joint in joints if joint.get("name") in run.joints.names]
+    assert {joint.get("type") for joint in own} == {"continuous", "prismatic"}
+    (slide,) = [limit for joint in own for limit in joint.findall("limit")]
+    assert [slide.get(key) for key in ("lower", "upper", "velocity", "effort")] == ["-1000", "1000", "1000", "1000"]
 
 
 def test_what_is_not_known_is_not_said() -> None:
-    graph = wiring.build(*profile.load("human-srl"))
-    row = graph.row.words.copy()
-    tree = Tree(graph.layout, robots(graph.layout))
-    assert cdr.decode(TF, cdr.encode(TF, tree.moving(row, WALL)))["transforms"] == [] or all(
-        np.isfinite(list(t["transform"]["translation"].values())).all() for t in tree.moving(row, WALL)["transforms"]
-    )
+    made = Run("human-srl")
+    row = made.row.copy()
+    place = made.layout.ints + made.layout.fields["arm.position"].offset
+    row[place : place + 1] = np.array([np.nan]).view(np.int64)
+    frames = {t["child_frame_id"] for t in made.tree.moving(row, WALL)["transforms"]}
+    assert "arm/J1" not in frames
+    assert "arm/J2" in frames
 
 
 def test_before_its_first_sample_a_joint_is_not_a_number() -> None:
@@ -195,9 +210,8 @@ def test_two_links_that_follow_one_value_are_two_joints() -> None:
     robot = Robot("finger", Linkage(links), "finger.position", "", ())
     joints, tree = Joints(layout, [robot]), Tree(layout, [robot])
     assert len(set(joints.names)) == len(joints.names) == 4
-    own = {"labels": ("proximal", "distal"), "lower": [-1, -2], "upper": [1, 3], "velocity": [2, 2]}
-    limits = {"finger.position_command": own}
-    root = ET.fromstring(description("robot", tree, joints, limits))
+    limits = {"finger.position_command": {"lower": [-1, -2], "upper": [1, 3], "velocity": [2, 2]}}
+    root = ET.fromstring(description("robot", limited(layout, limits), tree, joints))
     found = {joint.get("name"): joint for joint in root.findall("joint")}
     assert len(found) == len(root.findall("joint"))
     mimics = {m.get("joint") for joint in found.values() for m in joint.findall("mimic")}
@@ -228,8 +242,8 @@ def test_a_urdf_of_the_profile_keeps_its_looks(tmp_path: Path) -> None:
     robot = Robot(
         "finger", Linkage((Link("one", -1, joint="proximal"),)), "finger.position", str(tmp_path / "own.urdf"), ()
     )
-    effort = {"finger.effort_command": {"labels": ("proximal", "distal"), "effort": [7.5, 1.0]}}
-    root = ET.fromstring(description("robot", Tree(layout, [robot]), Joints(layout, [robot]), effort))
+    text = description("robot", limited(layout, {}), Tree(layout, [robot]), Joints(layout, [robot]))
+    root = ET.fromstring(text)
     (mesh,) = root.iter("mesh")
     assert mesh.get("filename") == (tmp_path / "m.stl").as_uri()
     assert [m.get("name") for m in root.findall("material")] == ["sea"]

@@ -58,9 +58,10 @@ def test_joints_may_come_in_any_order_and_the_end_is_held() -> None:
     assert not ours.at(9.0)[1].any()
 
 
-def test_a_first_point_at_0_is_where_it_begins() -> None:
-    ours = made(point(0.0, (0.3, 0.3)), point(1.0, (1.0, 1.0)))
+def test_it_begins_where_the_joints_are_whatever_a_first_point_at_0_says() -> None:
+    ours = made(point(0.0, (0.32, 0.3), (9.0, 9.0)), point(1.0, (1.0, 1.0), (0.0, 0.0)), start=(0.3, 0.3))
     np.testing.assert_allclose(ours.at(0.0)[0], (0.3, 0.3))
+    np.testing.assert_allclose(ours.at(0.0)[1], 0.0)
 
 
 @pytest.mark.parametrize(
@@ -69,6 +70,8 @@ def test_a_first_point_at_0_is_where_it_begins() -> None:
         ([point(1.0, (1.0, 1.0))], ("a",), "it is for a"),
         ([point(1.0, (1.0, 1.0))], ("a", "a"), "it is for a, a"),
         ([], NAMES, "0 points"),
+        ([point(0.0, (0.0, 0.0))], NAMES, "no point after its beginning"),
+        ([point(0.0, (0.0, 0.1)), point(1.0, (1.0, 1.0))], NAMES, "begins where the joints aren't"),
         ([point(1.0, (1.0,))], NAMES, "point 1 hasn't 2 positions"),
         ([point(1.0, (1.0, 1.0), (0.0,))], NAMES, "point 1 hasn't"),
         ([point(1.0, (1.0, np.nan))], NAMES, "isn't finite"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -71,8 +71,8 @@ class Procedure(Guided):
         muscle, repeat = self._open[0]
         self._begin(Step(Kind.PAUSE if muscle else Kind.READY, muscle, repeat))
 
-    def _begin(self, step: Any) -> None:
-        super()._begin(step)
+    def _begin(self, step: Step) -> None:
+        self.step = step
         self._since = self._onset = self._now = np.nan
         self._levels: list[Array] = []
 

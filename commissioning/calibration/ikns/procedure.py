@@ -12,8 +12,7 @@ from typing import Any, Final, cast
 import numpy as np
 from pydantic import Field
 
-from srl.commissioning.calibration.guided import Procedure as Guided
-from srl.commissioning.calibration.guided import View
+from srl.commissioning.calibration.guided import StepProcedure, View
 from srl.commissioning.calibration.ikns import marks
 from srl.commissioning.calibration.ikns.samples import LEAST_POINTS, Samples
 from srl.commissioning.calibration.ikns.steps import Kind, Progress, Step
@@ -46,7 +45,7 @@ class Plan(Options):
     inset: float = Field(0.8, gt=0.0, le=1.0, description="size of the points' box, in that of the explored box")
 
 
-class Procedure(Guided):
+class Procedure(StepProcedure):
     """Goes from step to step as samples come; see the module's docstring.
 
     Attributes:

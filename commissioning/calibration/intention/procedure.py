@@ -14,8 +14,7 @@ from typing import Any, Final, cast, get_args
 import numpy as np
 from pydantic import Field
 
-from srl.commissioning.calibration.guided import Bar, View
-from srl.commissioning.calibration.guided import Procedure as Guided
+from srl.commissioning.calibration.guided import Bar, StepProcedure, View
 from srl.commissioning.calibration.intention import marks
 from srl.commissioning.calibration.intention.samples import Samples
 from srl.control.intention.features import POSTURE
@@ -80,7 +79,7 @@ class Step:
         return self.undone if number is None else marks.mark_of(self.turn, number)
 
 
-class Procedure(Guided):
+class Procedure(StepProcedure):
     """Goes from step to step as samples come; see the module's docstring."""
 
     def __init__(self, actions: tuple[str, ...], plan: Plan | None = None, again: bool = False) -> None:

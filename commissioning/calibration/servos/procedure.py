@@ -13,8 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.commissioning.calibration.guided import Bar, View
-from srl.commissioning.calibration.guided import Procedure as Guided
+from srl.commissioning.calibration.guided import Bar, StepProcedure, View
 from srl.commissioning.calibration.servos import samples as marks
 from srl.commissioning.calibration.servos.fit import HornFit, ServoError, horn_fit, refusals
 from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig, angles
@@ -57,7 +56,7 @@ class Step:
         return self.joint - 1 if self.kind in (Kind.MOVE, Kind.HOME) else None
 
 
-class Procedure(Guided):
+class Procedure(StepProcedure):
     """Goes from step to step as samples come, and as the person says that a joint is where it should be."""
 
     def __init__(self, options: ServoMarksConfig, before: Mapping[int, tuple[float, float] | None] | None) -> None:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from srl.commissioning.calibration.guided import Bar, View
-from srl.commissioning.calibration.guided import Procedure as Guided
+from srl.commissioning.calibration.guided import Bar, StepProcedure, View
 from srl.commissioning.calibration.task import samples as marks
 from srl.commissioning.calibration.task.samples import Samples
 from srl.control.operation.demonstration import LONGEST
@@ -50,7 +49,7 @@ class Step:
         return {Kind.STAND: marks.STILL, Kind.SHOW: marks.SHOWN, Kind.DONE: marks.IDLE}[self.kind]
 
 
-class Procedure(Guided):
+class Procedure(StepProcedure):
     """Goes from step to step as samples come."""
 
     def __init__(self, plan: Plan | None = None, again: bool = False) -> None:
