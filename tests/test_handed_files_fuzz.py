@@ -336,8 +336,8 @@ def damaged(data: bytearray, rng: random.Random) -> bytes:
     return bytes(data)
 
 
-def faults(name: str, folder: Path, first: int, count: int) -> list[str]:
-    handed, found, last = READERS[name], dict[str, str](), first + count
+def faults(handed: Handed, folder: Path, first: int, count: int) -> list[str]:
+    found, last = dict[str, str](), first + count
     made, at = handed.good(folder), first
     good = made if isinstance(made, bytes) else made.encode()
     while at < last and len(found) < 12:
@@ -387,7 +387,7 @@ def trials(handed: Handed, good: bytes, path: Path, numbers: range, into: int) -
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in READERS])
 def test_a_damaged_file_is_read_or_refused(name: str, tmp_path: Path) -> None:
-    assert faults(name, tmp_path, 0, READERS[name].trials) == []
+    assert faults(READERS[name], tmp_path, 0, READERS[name].trials) == []
 
 
 @pytest.mark.slow
@@ -395,4 +395,4 @@ def test_a_damaged_file_is_read_or_refused(name: str, tmp_path: Path) -> None:
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", READERS)
 def test_many_damaged_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
-    assert faults(name, tmp_path, 10_000, 30 * READERS[name].trials) == []
+    assert faults(READERS[name], tmp_path, 10_000, 30 * READERS[name].trials) == []

@@ -1,14 +1,18 @@
-"""A device that is calibrated: which it is, and the file that it names.
-
-`subset_of_devices` leaves it alone in a profile.
-"""
+"""A device that is calibrated: which it is, the file that it names, and how it is left alone in a profile."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any, ClassVar
 
+from srl.commissioning.calibration.method import F, Method, Say, T, file_of, settings
+from srl.commissioning.calibration.profile_subset import subset_of_devices
+from srl.commissioning.calibration.request import CalibrationRequest
 from srl.runtime.contracts import registry
-from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, nearest
+from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
+from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 
@@ -42,12 +46,73 @@ def device(checked: Profile, source: Source, what: str, chosen: str = "") -> str
     return found[0]
 
 
-def named(checked: Profile, source: Source, name: str, option: str = "calibration") -> Path | None:
-    """The file that a device's option names, if it names one. Raises ProfileError."""
-    given = checked.devices[name].options.get(option)
-    if not isinstance(given, str):
-        return None
-    try:
-        return source.files.find(given)
-    except OptionError as error:
-        raise ProfileError(source.place(f"devices.{name}.{option}"), error.problem, error.remedy) from None
+class DeviceMethod(Method[T, F]):
+    """How a device is calibrated whose driver says so (`Driver.calibrated`), alone or with a simulated person.
+
+    Its plan has an option `device`.
+
+    Attributes:
+        part: the simulated thing that it measures.
+    """
+
+    part: ClassVar[str]
+
+    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(request, checked, source, target, say)
+        self._device = device(checked, source, self.name, self._plan.device)
+
+    @classmethod
+    def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
+        name = device(checked, source, cls.name, settings(request, cls.groups)["plan"].device)
+        return file_of(source, checked.devices[name].options.get(cls.option), f"devices.{name}.{cls.option}")
+
+    def subset(self, person: str) -> tuple[Profile, Source]:
+        marks = partial(self._marks, person)
+        return subset_of_devices(self.checked, self.source, {self._device}, marks, self.request.sim, self._bare)
+
+    def _marks(self, person: str, graph: Graph) -> dict[str, Any]:
+        """The entry of the marks' law. Raises WiringError: the device doesn't give what is calibrated."""
+        raise NotImplementedError
+
+    def _own_options(self) -> Any:
+        """The options of the marks' law, as the profile has them now."""
+        (entry,) = self.subset(self.request.person or "P0")[0].controllers
+        return self.channels.config.model_validate(entry.options)
+
+    def _signal(self, graph: Graph, signal: str, elements: str, remedy: str) -> Sequence[str]:
+        """The names of the elements of the device's signal. Raises WiringError: it has no such signal."""
+        field = graph.layout.fields.get(signal)
+        if field is None or not field.labels:
+            place = self.source.place(f"devices.{self._device}")
+            raise WiringError(place, f"there is no '{signal}' of named {elements}", remedy)
+        return field.labels
+
+    def _bare(self, plain: dict[str, Any]) -> None:
+        """The device as it is without its file, and, simulated, what it measures; nothing else is there."""
+        plain["frames"] = {}
+        plain["devices"][self._device].pop(self.option, None)
+        if not self.request.sim:
+            plain.pop("sim", None)
+            return
+        sim = plain.get("sim") or {}
+        name, part = part_of(sim, self._device, self.part, self.source.place("sim.parts"))
+        sim["parts"] = {name: self._instructed(part)}
+
+    def _instructed(self, part: dict[str, Any]) -> dict[str, Any]:
+        """The simulated thing, which does what it is told."""
+        raise NotImplementedError
+
+
+def part_of(sim: Mapping[str, Any], device: str, kind: str, place: str) -> tuple[str, dict[str, Any]]:
+    """The name and the options of the simulated part of a kind that a device measures.
+
+    Raises ProfileError, at `place`: there is none, or there are several and none is the device's.
+    """
+    parts: dict[str, Any] = sim.get("parts") or {}
+    fitting = [name for name, part in parts.items() if part.get("part") == kind]
+    named = (sim.get("devices") or {}).get(device, {}).get("part", device)
+    own = named if named in fitting else fitting[0] if len(fitting) == 1 else None
+    if own is None:
+        problem = f"the simulated world has {len(fitting)} parts '{kind}', and none is called '{device}'"
+        raise ProfileError(place, problem, f"Add one, or name it: sim.devices.{device}.part")
+    return own, dict(parts[own])

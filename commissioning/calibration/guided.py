@@ -9,7 +9,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from srl.commissioning.calibration.marks import Indices
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Instruction
 
@@ -60,14 +59,6 @@ class View:
     states: Sequence[str]
     bars: Sequence[Bar]
     things: str
-
-
-class Samples(Protocol):
-    """Samples of a run, each with the mark of what was to be done."""
-
-    @property
-    def marks(self) -> Indices:
-        """(T,)."""
 
 
 class Procedure(ABC):

@@ -11,9 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from srl.commissioning.calibration.guided import Bar, StepProcedure, View
+from srl.commissioning.calibration.marks import IDLE, MarkedSamples, held
 from srl.runtime.contracts.signals import Array
 
-IDLE: Final = 0  # the mark of what doesn't count
 LEFT_OUT: Final = 100  # added to a thing's number: it is left out
 
 
@@ -51,12 +51,19 @@ class HeldStill(StepProcedure):
     things: str
     fewest: int | None = None
 
-    def __init__(self, numbers: Sequence[int], again: bool, settle: float, hold: float) -> None:
-        """`again`: of an earlier session; nothing is left to do until `redo` says so."""
+    def __init__(self, numbers: Sequence[int], again: bool, settle: float, hold: float, most: float) -> None:
+        """
+        Args:
+            numbers: of the things.
+            again: of an earlier session; nothing is left to do until `redo` says so.
+            settle: s for which all must be still before a thing counts.
+            hold: s of it that count.
+            most: by which it may move meanwhile, as `_motion` says.
+        """
         self._numbers = tuple(numbers)
         self._open = [] if again else list(numbers)
         self._out: set[int] = set()
-        self._settle, self._hold = settle, hold
+        self._settle, self._hold, self._most = settle, hold, most
         self._next()
 
     def _next(self) -> None:
@@ -73,12 +80,20 @@ class HeldStill(StepProcedure):
         self._since = np.nan  # s, of the step's first sample
 
     @abstractmethod
+    def _motion(self) -> float:
+        """How far what was measured lately (`_recent`) has moved; infinite where it isn't measured."""
+
+    def _moved(self) -> float:
+        """How far it has moved lately; infinite while that isn't known."""
+        return float("inf") if self._elapsed() < self._wait else self._motion()
+
     def _still(self) -> bool:
         """Whether nothing has moved lately."""
+        return self._moved() <= self._most
 
-    @abstractmethod
     def _ready(self) -> bool:
-        """Whether what is still may count: it is unlike in those before, in the pose, ..."""
+        """Whether what is still may count."""
+        return not self._lack()
 
     @abstractmethod
     def _keep(self, number: int) -> bool:
@@ -127,7 +142,6 @@ class HeldStill(StepProcedure):
         self._next()
 
     def go_on(self) -> str:
-        """Takes the thing as it is now. Returns why that can't be; "" if it could."""
         if self.step.kind is Kind.HOLD:
             return f"hold it still for {self._hold:g} s"
         if self.step.kind is Kind.GO:
@@ -135,7 +149,6 @@ class HeldStill(StepProcedure):
         return ""
 
     def skip(self) -> str:
-        """Leaves the present thing out, if it may be. Returns why that can't be; "" if it could."""
         if self.fewest is None:
             return "" if self.done else f"every {self.things.removesuffix('s')} is needed"
         if self.step.kind not in (Kind.GO, Kind.HOLD):
@@ -150,7 +163,6 @@ class HeldStill(StepProcedure):
         return ""
 
     def redo(self, number: int) -> str:
-        """Does a thing again, next. Returns why that can't be; "" if it could."""
         if number not in self._numbers:
             return f"the {self.things} are {self._numbers[0]} to {self._numbers[-1]}"
         if number in self._open:
@@ -178,7 +190,6 @@ class HeldStill(StepProcedure):
         """What is measured, below how long it has been held."""
 
     def view(self) -> View:
-        """What a person is shown now."""
         one = self.things.removesuffix("s")
         words = {
             Kind.GO: self._task, Kind.PAUSE: self._task, Kind.HOLD: self._held_task,
@@ -214,3 +225,24 @@ def still_bar(moved: float, most: float, text: str) -> Bar:
     if not np.isfinite(moved):
         return Bar("still", None, "")
     return Bar("still", min(moved / (2.0 * most), 1.0), text, moved <= most)
+
+
+def block_motion(values: Array, blocks: int = 5) -> float:
+    """How far the means of consecutive blocks are apart at most, in the unit of values (T, n).
+
+    Infinite where one isn't measured. Means are compared, so that noise doesn't look like motion.
+    """
+    if len(values) < blocks or not np.isfinite(values).all():
+        return float("inf")
+    means = np.array([block.mean(axis=0) for block in np.array_split(values, blocks)])
+    return float(np.linalg.norm(means[:, None] - means, axis=2).max())
+
+
+def held_poses(samples: MarkedSamples, count: int, hold: float) -> dict[int, slice]:
+    """By number of each thing, 1 to `count`, that was held for `hold` s and not left out later: its last samples."""
+    found = {}
+    for number in range(1, count + 1):
+        at, out = held(samples, number, hold), np.flatnonzero(samples.marks == LEFT_OUT + number)
+        if at is not None and not (len(out) and out[-1] >= at.stop):
+            found[number] = at
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from srl.runtime.contracts.errors import ProfileError
+from srl.commissioning.calibration.calibrated_device import part_of
 
 HOLDER: Final = "calibration-hands"
 _HELD: Final = f"{HOLDER}/held"
@@ -24,13 +24,8 @@ def take_in_hand(plain: dict[str, Any], device: str, frame: str | None, place: s
         ProfileError: there is no part of the sensor's, or several.
     """
     sim, frames = plain.get("sim") or {}, plain.get("frames") or {}
-    parts: dict[str, Any] = sim.get("parts") or {}
-    fitting = [name for name, part in parts.items() if part.get("part") == "ft-sensor"]
-    named = (sim.get("devices") or {}).get(device, {}).get("part", device)
-    own = named if named in fitting else fitting[0] if len(fitting) == 1 else None
-    if own is None:
-        problem = f"the simulated world has {len(fitting)} parts 'ft-sensor', and none is called '{device}'"
-        raise ProfileError(place, problem, f"Add one, or name it: sim.devices.{device}.part")
+    own, sensor = part_of(sim, device, "ft-sensor", place)
+    parts: dict[str, Any] = sim["parts"]
     kept = {own}
     while True:
         more = {
@@ -41,7 +36,6 @@ def take_in_hand(plain: dict[str, Any], device: str, frame: str | None, place: s
         if not more:
             break
         kept |= more
-    sensor = dict(parts[own])
     if frame in frames:
         plain["frames"] = {frame: {"parent": _HELD}}
     else:

@@ -17,7 +17,6 @@ from srl.commissioning.jog.screen import View as Joints
 from srl.runtime.ipc.header import State
 
 KEYS: Final = "left, right held: move it   , . finely   Space, Esc: STOP   any other key brakes"
-_GUIDES: Final = ("enter", "backspace")
 
 
 class Keyed(Screen):

@@ -1,4 +1,4 @@
-"""Keeps a report's picture: whole, or as it was before."""
+"""What draws a report's picture (`plt`, without a screen), and keeps it: whole, or as it was before."""
 
 from __future__ import annotations
 
@@ -7,9 +7,15 @@ import os
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+
+mpl.use("Agg")
+
 import matplotlib.pyplot as plt
 
 from srl.runtime.models.record_file import RecordError
+
+__all__ = ["plt", "save"]
 
 
 def save(figure: Any, png: Path) -> None:

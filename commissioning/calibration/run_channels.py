@@ -5,23 +5,20 @@ from __future__ import annotations
 import datetime
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration.guided import Samples
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.models.models import bodies
+from srl.runtime.models.models import bodies, context
 from srl.runtime.profile import profile
 from srl.runtime.profile.plots import indices, split
 from srl.runtime.profile.profile import ControllerEntry, Profile
-
-Config = TypeVar("Config", bound=ControllerConfig)
 
 
 @dataclass(frozen=True)
@@ -31,24 +28,61 @@ class RunChannels(ABC):
     Attributes:
         layout: of the rows.
         mark: of the mark; None in a recording without one.
+        options: of the marks' law.
+        law: the marks' law.
+        config: the type of its options.
+        unknown: what isn't known without marks: "which samples belong to which pose".
     """
 
     layout: Layout
     mark: int | None
+    options: Any
+    law: ClassVar[str]
+    config: ClassVar[type[ControllerConfig]]
+    unknown: ClassVar[str]
+
+    @classmethod
+    def of(cls, layout: Layout, place: str, kind: str) -> Self:
+        """Finds them by the marks' law in a layout's profile.
+
+        Args:
+            layout: of the rows.
+            place: the recording, for errors.
+            kind: what `srl calibrate` calls it.
+        Raises:
+            RecordingError: the profile has no such law, or the layout lacks a signal.
+        """
+        checked, entry = marks_law(layout, place, cls.law)
+        if entry is None:
+            problem = f"it has no marks, so {cls.unknown} isn't known"
+            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {kind}`")
+        options = cls.config.model_validate(entry.options, context=context(checked.models))
+        mark = layout.fields[f"{entry.name or cls.law}.mark"].offset
+        return cls(layout, mark, options, *cls.places(layout, options, place))
+
+    @classmethod
+    @abstractmethod
+    def places(cls, layout: Layout, options: Any, place: str) -> tuple[Any, ...]:
+        """What a kind's own attributes are. Raises RecordingError: a signal is missing."""
 
     @property
-    @abstractmethod
     def person(self) -> str:
-        """The anonymous id."""
+        """The anonymous id; "" of a device."""
+        return str(getattr(self.options, "person", ""))
 
     @property
-    @abstractmethod
     def parameter(self) -> str:
         """The name of the parameter that is the mark."""
+        return f"{self.law}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Any:
+        """The kind's samples of those of rows (k, width) in which the run was active. What wasn't observed is NaN."""
+        rows = rows[self.active(rows)]
+        return self._samples(self.times(rows), floats := self.floats(rows), self.marks(floats))
 
     @abstractmethod
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        """The samples of those of rows (k, width) in which the run was active. What wasn't observed is NaN."""
+    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Any:
+        """The kind's own samples, of the float64 words (k, n) of rows in which the run was active."""
 
     def marks(self, floats: NDArray[np.float64]) -> NDArray[np.intp]:
         """(k,) the marks in a row's float64 words (k, n)."""
@@ -121,54 +155,6 @@ class RunChannels(ABC):
         """The day of the first row, UTC."""
         wall = int(self.layout.header(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
         return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
-
-
-@dataclass(frozen=True)
-class MarkedChannels(RunChannels):
-    """Those of a kind whose marks' law has its options in the layout's profile.
-
-    Attributes:
-        law: the marks' law.
-        options: its options.
-    """
-
-    law: ClassVar[str]
-    options: Any
-
-    @property
-    def person(self) -> str:
-        return str(getattr(self.options, "person", ""))
-
-    @property
-    def parameter(self) -> str:
-        return f"{self.law}.mark"
-
-    def samples(self, rows: NDArray[np.int64]) -> Any:
-        rows = rows[self.active(rows)]
-        return self._samples(self.times(rows), floats := self.floats(rows), self.marks(floats))
-
-    @abstractmethod
-    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Any:
-        """The kind's own samples, of rows (k, n) in which the run was active."""
-
-    @classmethod
-    def marked(cls, layout: Layout, place: str, config: type[Config], what: str, kind: str) -> tuple[int, Config]:
-        """The place of the mark, and the options of the marks' law.
-
-        Args:
-            layout: of the rows.
-            place: the recording, for errors.
-            config: the options' type.
-            what: to which each sample belongs: "which pose".
-            kind: what `srl calibrate` calls it.
-        Raises:
-            RecordingError: the layout's profile has no such law.
-        """
-        _, entry = marks_law(layout, place, cls.law)
-        if entry is None:
-            problem = f"it has no marks, so which samples belong to {what} isn't known"
-            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {kind}`")
-        return layout.fields[f"{cls.law}.mark"].offset, config.model_validate(entry.options)
 
 
 def marks_law(layout: Layout, place: str, law: str) -> tuple[Profile, ControllerEntry | None]:

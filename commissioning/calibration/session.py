@@ -15,9 +15,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from srl.commissioning.calibration.guide import Guide, QuitError
-from srl.commissioning.calibration.guided import Procedure, Samples
-from srl.commissioning.calibration.method import Method, Outcome
+from srl.commissioning.calibration.guided import Procedure
+from srl.commissioning.calibration.marks import MarkedSamples
+from srl.commissioning.calibration.method import Method
+from srl.commissioning.calibration.played import is_motion_file, played
 from srl.commissioning.calibration.request import METHODS, CalibrationRequest
+from srl.commissioning.calibration.result import Result
 from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Report, Screen
 from srl.commissioning.calibration.sources import RowSource, recorded
@@ -35,7 +38,7 @@ from srl.runtime.service.end_signals import EndSignals
 
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"
-Computed = Outcome | SrlError
+Computed = Result[Any] | SrlError
 
 
 def method_of(law: str) -> type[Method[Any, Any]]:
@@ -69,7 +72,7 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
         return _finish(method, result)
     if request.person is None and kind.personal:
         raise RequestError("--person", "it isn't said whose calibration it is", "Give an anonymous id: --person P07")
-    before: list[Samples] = []
+    before: list[MarkedSamples] = []
     if request.redo:
         _, before, _ = _recorded(method, request.before or ())
     elif request.before:
@@ -89,7 +92,7 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
 
 
 def _live(
-    method: Method[Any, Any], text: Source, name: str, procedure: Procedure, before: list[Samples], screen: Screen
+    method: Method[Any, Any], text: Source, name: str, procedure: Procedure, before: list[MarkedSamples], screen: Screen
 ) -> int:
     """Runs the cut profile, and ends it in any case; Ctrl-C ends it, too."""
     request, target = method.request, method.target
@@ -131,7 +134,7 @@ def _guided(
     method: Method[Any, Any],
     source: RowSource,
     procedure: Procedure,
-    before: list[Samples],
+    before: list[MarkedSamples],
     screen: Screen,
     stop: Any = lambda: False,
 ) -> int:
@@ -241,15 +244,16 @@ def _picture(method: Method[Any, Any]) -> Path:
     return method.target.with_name(f"{method.target.name}.report.png")
 
 
-def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, list[Samples], Any]:
+def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, list[MarkedSamples], Any]:
     """Reads recordings of one calibration, in their order."""
     if not paths:
         problem = f"it isn't said what the other {method.thing} come from"
         raise RequestError("--redo", problem, "Add --from FILE.rrd")
     found: Any = None
-    parts: list[Samples] = []
+    parts: list[MarkedSamples] = []
     for path in paths:
-        channel_map, rows = recorded(path, method.channel_map)
+        file = is_motion_file(path)
+        channel_map, rows = played(method, path) if file else recorded(path, method.channel_map)
         if found is not None and not method.same(channel_map, found):
             problem = "it isn't of the same calibration as the one before"
             raise RequestError(str(path), problem, "Name recordings of one calibration")

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from srl.commissioning.calibration.servos.procedure import Procedure
-from srl.commissioning.calibration.sources import LOOK, RowFile, Rows, RowSource, Tap
+from srl.commissioning.calibration.sources import RowFile, Rows, Stepped, Tap
 from srl.commissioning.jog.hold import FINE, PAUSE, Hold
 from srl.commissioning.jog.profile_subset import PRESS, WAY, ProfileSubset
 from srl.commissioning.jog.session import FRESH
@@ -24,7 +24,6 @@ from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Drive
 from srl.runtime.contracts.world import Fake
 from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED
-from srl.runtime.loop.lockstep import Lockstep
 
 _REPEAT: Final = 0.033  # s between repeats of a held key
 _NEAR: Final = 0.04  # rad, from where on the fine keys are used
@@ -36,19 +35,16 @@ _WRONG: Final = 0.02  # rad, by which it must go the wrong way to be seen
 _TIMEOUT: Final = 90.0  # s, for one angle
 
 
-class SimulatedDrive(RowSource):
-    """Rows in lockstep, as fast as it goes."""
+class SimulatedDrive(Stepped):
+    """The simulated servos and the person."""
 
     def __init__(
         self, subset: ProfileSubset, tap: Tap[Any], report: Callable[[str], None], record: Path | None = None
     ) -> None:
         """Raises SrlError: the system can't be built, or its simulated joints can't be seen."""
-        self._graph = subset.graph
-        self._graph.layout.meta["wall"] = time.time_ns()
-        self.channel_map = tap(self._graph.layout, subset.source.label)
-        self._lockstep = Lockstep(self._graph, report)
+        subset.graph.layout.meta["wall"] = time.time_ns()
+        super().__init__(subset.graph, tap, subset.source.label, report)
         self._period = 1.0 / float(subset.profile.rate)
-        self._count = max(round(LOOK / self._period), 1)
         self._hold = Hold(tuple(subset.speed), max(FRESH, 1.5 * self._period))
         least = HOLD * FINE * max(subset.speed.values())  # rad, that a joint moves at least
         self._person = _Person(self._hold, max(_THERE, 0.6 * least))
@@ -79,13 +75,12 @@ class SimulatedDrive(RowSource):
     def begin(self, procedure: Any) -> None:
         self._procedure = procedure
         now = self._lockstep.count * self._period
-        self._graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
+        self.mark(procedure)
         self._hold.guide(procedure.step.moves, now)
         self._person.instruct(procedure.instruction(), now)
 
     def close(self) -> None:
-        if self._graph.world is not None:
-            self._graph.world.close()
+        super().close()
         if self._file is not None:
             self._file.close()
 

@@ -21,6 +21,7 @@ from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import RequestKind
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.loop.lockstep import Lockstep
+from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 from srl.runtime.recording.reader import read
@@ -69,8 +70,40 @@ class RowSource(ABC):
         """Ends it. What is recorded is whole afterwards."""
 
 
-class Simulated(RowSource):
-    """The simulated wearer of a cut profile, in lockstep, as fast as it goes."""
+class Stepped(RowSource):
+    """A system in lockstep, as fast as it goes."""
+
+    def __init__(self, graph: Graph, tap: Tap[Any], place: str, report: Callable[[str], None]) -> None:
+        """`place`: of the profile, for errors. Raises SrlError: a device can't be opened."""
+        self._graph = graph
+        self.channel_map = tap(graph.layout, place)
+        self._lockstep = Lockstep(graph, report)
+        self._count = max(round(LOOK * float(graph.profile.rate)), 1)
+
+    @property
+    def time(self) -> float:
+        """s since its beginning."""
+        return self._lockstep.count * self._lockstep.period * 1e-9
+
+    def take(self) -> Rows:
+        rows = np.empty((self._count, self._graph.layout.width), np.int64)
+        for row in rows:
+            again = self.channel_map.may_begin_again(self._graph.row.words)
+            self._lockstep.step(RequestKind.RESET if again else RequestKind.NONE)
+            row[:] = self._graph.row.words
+        return rows
+
+    def mark(self, procedure: Procedure) -> None:
+        """Rows bear its step's mark from now on."""
+        self._graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
+
+    def close(self) -> None:
+        if self._graph.world is not None:
+            self._graph.world.close()
+
+
+class Simulated(Stepped):
+    """The simulated wearer of a cut profile."""
 
     def __init__(
         self, checked: Profile, source: Source, tap: Tap[Any], report: Callable[[str], None], record: Path | None = None
@@ -80,8 +113,8 @@ class Simulated(RowSource):
         Raises:
             SrlError: the system can't be built, its world has no wearer, or the file can't be written.
         """
-        self._graph = build(checked, source, True)
-        world = self._graph.world
+        graph = build(checked, source, True)
+        world = graph.world
         if world is None or world.wearer is None:
             problem = "the simulated world has no wearer, or several"
             raise ProfileError(
@@ -89,29 +122,22 @@ class Simulated(RowSource):
             )
         self._wearer = world.wearer
         # The rows' time begins with the world; their date is today's.
-        self._graph.layout.meta["wall"] = time.time_ns()
-        self.channel_map = tap(self._graph.layout, source.label)
-        self._lockstep = Lockstep(self._graph, report)
-        self._count = max(round(LOOK * float(checked.rate)), 1)
-        self._file = None if record is None else RowFile(self._graph.layout, record)
+        graph.layout.meta["wall"] = time.time_ns()
+        super().__init__(graph, tap, source.label, report)
+        self._file = None if record is None else RowFile(graph.layout, record)
 
     def take(self) -> Rows:
-        rows = np.empty((self._count, self._graph.layout.width), np.int64)
-        for row in rows:
-            again = self.channel_map.may_begin_again(self._graph.row.words)
-            self._lockstep.step(RequestKind.RESET if again else RequestKind.NONE)
-            row[:] = self._graph.row.words
+        rows = super().take()
         if self._file is not None:
             self._file.add(rows)
         return rows
 
     def begin(self, procedure: Procedure) -> None:
-        self._graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
+        self.mark(procedure)
         self._wearer.instruct(procedure.instruction())
 
     def close(self) -> None:
-        if self._graph.world is not None:
-            self._graph.world.close()
+        super().close()
         if self._file is not None:
             self._file.close()
 

@@ -29,7 +29,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
     parser.add_argument("--view", action="store_true", help="show a person's motion in rerun, in a browser here")
     parser.add_argument(
-        "--recording", type=Path, nargs="+", metavar="FILE.rrd", help="compute from recordings, nobody moves"
+        "--recording",
+        type=Path,
+        nargs="+",
+        metavar="FILE.rrd",
+        help="compute from recordings, or from a motion file (.mvnx, .c3d, .bvh); nobody moves",
     )
     parser.add_argument("--from", dest="before", type=Path, nargs="+", metavar="FILE.rrd", help="with --redo")
     parser.add_argument(

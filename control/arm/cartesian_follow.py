@@ -13,9 +13,9 @@ from srl.control.arm.options import each, joints
 from srl.control.arm.tool_target import ToolTarget
 from srl.control.cobot.robot_distances import OPENING, DistancesConfig, RobotDistances
 from srl.control.cobot.whole_body_qp import Approach, ArmLimitsConfig, Nearest, braking_curve
-from srl.control.shared.ramp import Ramps
+from srl.control.shared.ramp import Ramps, factor
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.per_element import Positive
 from srl.runtime.contracts.rotation import Vector
 from srl.runtime.contracts.signals import Array, Signal
@@ -25,7 +25,6 @@ from srl.runtime.models.robot_model import RobotOption
 from srl.runtime.models.robots import RobotDescription
 from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 
-_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SAME: Final = 1e-9  # rad or m, by which a command that was let through may differ
 _ROUND: Final = 0.3  # rad beyond a half turn, up to which the tool keeps the way round that it has taken
 _UNKNOWN: Final = 1.0  # rad/s or m/s, of a joint whose greatest speed nobody says
@@ -121,10 +120,9 @@ class CartesianFollow(Controller):
             else (joints(robot, "velocity", "rad/s"),)
         )
         self.outputs = (*moved, Signal(name="missing", shape=(1,), unit="m"))
-        self.parameters = (
-            Parameter(name="speed", default=1.0, lower=0.0, upper=1.0, unit="1", text="of the tool's greatest speed"),
-            Parameter(name="gain", default=1.0, lower=0.25, upper=2.0, unit="1", text="of the gain"),
-        )
+        speed = factor("speed", 0.0, 1.0, "of the tool's greatest speed")
+        self._ramps = Ramps(speed, factor("gain", 0.25, 2.0, "of the gain"))
+        self.parameters = self._ramps.parameters
         need = "the target's frame in the arm's base"
         self.transforms = (Transform("target", coordinates("target"), device("q"), need, moves=True),)
         if config.tool is not None:
@@ -142,7 +140,6 @@ class CartesianFollow(Controller):
         distances = config.limits.distances
         self._distances = None if distances is None else RobotDistances(robot, None, distances)
         self._target = ToolTarget(config.ahead, config.offset)
-        self._ramps = Ramps("speed", "gain", rate=_QUICKEST)
         self._posture, self._q, self._was, self._v = (np.zeros(robot.n) for _ in range(4))
         self._known = False  # where the joints began
         self._turn: Vector = (0.0, 0.0, 0.0)

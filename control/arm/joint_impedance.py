@@ -17,8 +17,8 @@ from srl.control.arm.options import each, joints
 from srl.control.arm.sampled import GROWTH, cases, growth
 from srl.control.arm.uprightness import Uprightness, by_frames, by_sensor
 from srl.control.cobot.whole_body import LoadConfig
-from srl.control.shared.ramp import Ramps
-from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.control.shared.ramp import Ramps, factor
+from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.errors import OptionError
 from srl.runtime.contracts.gravity import GRAVITY
 from srl.runtime.contracts.per_element import NotNegative, Positive
@@ -29,7 +29,6 @@ from srl.runtime.contracts.transforms import Transform, device, frame, measured
 from srl.runtime.models.robot_model import WeighedRobot
 from srl.runtime.models.robots.pinocchio_model import pinocchio_model
 
-_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SOFT: Final = 0.25  # of K, below which D goes to zero with K itself, not with its root
 _LEAD: Final = 0.03  # s, low-pass on the desired joints' speed: it may jump, the torque not
 _SHORTEST: Final = 1e-4  # s: no loop is quicker
@@ -146,13 +145,9 @@ class JointImpedance(Controller):
         self.outputs = tuple(
             joints(robot, *what) for what in (("torque", "N m"), ("gravity", "N m"), ("desired", "rad"))
         )
-        self.parameters = (
-            Parameter(
-                name="stiffness", default=1.0, lower=0.0, upper=1.5, unit="1", text="multiplies K; 0: led by hand"
-            ),
-            Parameter(name="damping", default=1.0, lower=0.5, upper=1.5, unit="1", text="multiplies D"),
-        )
-        self._ramps = Ramps("stiffness", "damping", rate=_QUICKEST)
+        stiffness = factor("stiffness", 0.0, 1.5, "multiplies K; 0: led by hand")
+        self._ramps = Ramps(stiffness, factor("damping", 0.5, 1.5, "multiplies D"))
+        self.parameters = self._ramps.parameters
         self._config, self._n = config, robot.n
         self._K = each(config.stiffness, robot, "stiffness")
         self._rotors = each(config.rotor_inertia, robot, "rotor_inertia")

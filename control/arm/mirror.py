@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from srl.control.arm.options import each, joints
-from srl.control.shared.ramp import Ramps
+from srl.control.shared.ramp import Ramps, factor
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.errors import OptionError, WiringError
 from srl.runtime.contracts.per_element import Positive
 from srl.runtime.contracts.rotation import Vector
@@ -19,7 +19,6 @@ from srl.runtime.contracts.transforms import Transform, device
 from srl.runtime.models.robot_model import RobotOption
 from srl.runtime.models.robots import RobotDescription
 
-_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _BEGINNING: Final = 0.5  # s, in which it takes up its speed
 _ENDING: Final = 0.2  # s, in which it comes to rest from its greatest speed where the other arm is lost
 _TURNED: Final = 0.02  # rad, by which an axis may be off the mirrored one
@@ -85,10 +84,9 @@ class Mirror(Controller):
         robot = config.robot
         self.inputs = (joints(robot, "q", "rad"), joints(config.other, "other", "rad"))
         self.outputs = (joints(robot, "q", "rad"), joints(robot, "q_velocity", "rad/s"))
-        text = "of all speeds; 0 stands"
-        self.parameters = (Parameter(name="speed", default=1.0, lower=0.0, upper=1.0, unit="1", text=text),)
+        self._ramps = Ramps(factor("speed", 0.0, 1.0, "of all speeds; 0 stands"))
+        self.parameters = self._ramps.parameters
         self.transforms = (Transform("other", device("other"), device("q"), "the other arm's base in this one's"),)
-        self._ramps = Ramps("speed", rate=_QUICKEST)
         self._config = config
         self._speed = each(config.speed, robot, "speed")
         self._from = np.array([config.other.labels.index(leading) for leading in config.leading.values()])

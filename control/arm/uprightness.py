@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from srl.runtime.contracts.rotation import Quaternion, Vector, conjugate, product, turned
+from srl.control.shared.turns import measured_turn
+from srl.runtime.contracts.rotation import Vector, conjugate, product, turned
 from srl.runtime.contracts.signals import Array
 
 _UP: Final[Vector] = (0.0, 0.0, 1.0)  # of an inertial sensor's reference, and of a world frame
@@ -105,7 +106,7 @@ def by_sensor(orientation: Array, mount: Array) -> Vector | None:
         orientation: (4,) w x y z of the sensor in its own upright reference.
         mount: (7,) the sensor's pose in the base.
     """
-    sensor, placed = _unit(orientation), _unit(mount[3:])
+    sensor, placed = measured_turn(orientation.tolist()), measured_turn(mount[3:].tolist())
     if sensor is None or placed is None:
         return None
     return turned(product(placed, conjugate(sensor)), _UP)
@@ -113,13 +114,5 @@ def by_sensor(orientation: Array, mount: Array) -> Vector | None:
 
 def by_frames(base: Array) -> Vector | None:
     """Up in the base, whose pose (7,) in an upright frame is given. None: it isn't known."""
-    turn = _unit(base[3:])
+    turn = measured_turn(base[3:].tolist())
     return None if turn is None else turned(conjugate(turn), _UP)
-
-
-def _unit(values: Array) -> Quaternion | None:
-    w, x, y, z = values.tolist()
-    size = (w * w + x * x + y * y + z * z) ** 0.5
-    if not isfinite(size) or abs(size - 1.0) > _OFF:
-        return None
-    return (w / size, x / size, y / size, z / size)

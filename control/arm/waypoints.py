@@ -9,14 +9,13 @@ import ruckig
 from pydantic import Field, model_validator
 
 from srl.control.arm.options import each, joints
-from srl.control.shared.ramp import Ramps
-from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from srl.control.shared.ramp import Ramps, factor
+from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.errors import OptionError, nearest
 from srl.runtime.contracts.per_element import Finite, Positive
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.models.robot_model import RobotOption
 
-_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SAME: Final = 1e-6  # rad or m, by which a command that was let through may differ
 
 _PerJoint = dict[str, Positive] | Positive
@@ -73,9 +72,8 @@ class Waypoints(Controller):
             joints(robot, "q", "rad"), joints(robot, "q_velocity", "rad/s"),
             Signal(name="at", shape=(len(names),), unit="1", labels=names),
         )  # fmt: skip
-        text = "of all speeds; 0 waits on the way"
-        self.parameters = (Parameter(name="speed", default=1.0, lower=0.0, upper=1.0, unit="1", text=text),)
-        self._ramps = Ramps("speed", rate=_QUICKEST)
+        self._ramps = Ramps(factor("speed", 0.0, 1.0, "of all speeds; 0 waits on the way"))
+        self.parameters = self._ramps.parameters
         self._config, self._n, self._names = config, robot.n, names
         self._postures = [each(config.waypoints[name], robot, name) for name in names]
         self._then = {names.index(a): names.index(b) for a, b in config.then.items()}

@@ -16,7 +16,7 @@ from math import ceil, isfinite, nan, sqrt
 from operator import add, sub
 from typing import Any, ClassVar, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from srl.control.cobot.axes import DeadBand, OnTwist
 from srl.control.cobot.energy_tank import EnergyTank
@@ -24,11 +24,11 @@ from srl.control.cobot.ft_record import FtCalibration, Unloaded, unloaded
 from srl.control.cobot.guide_buttons import MODES
 from srl.control.cobot.release import DrawIn, Release, ReleaseConfig
 from srl.control.cobot.virtual_mass import VirtualMass
-from srl.control.shared.ramp import Ramps
+from srl.control.shared.ramp import Ramps, factor
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.gravity import GRAVITY
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.contracts.terms import POSE, TWIST, WRENCH
 from srl.runtime.contracts.transforms import Transform, coordinates, measured
@@ -38,10 +38,8 @@ _QUICKEST: Final = 2.0  # 1/s, of a factor that a client has changed
 _ZEROS: Final = [0.0] * 6  # read only
 
 
-class LeashConfig(BaseModel):
+class LeashConfig(Options):
     """How far the desired pose may run ahead of the measured one. It is free within `distance` and `angle`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     distance: float = Field(0.03, gt=0, description="m, free")
     stiffness: float = Field(1000.0, gt=0, description="N/m beyond it, on the virtual mass")
@@ -119,11 +117,13 @@ class Admittance(Controller):
             Signal(name="force", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH),
             Signal(name="tank", shape=(1,), unit="J"),
         )
-        self.parameters = (
-            Parameter(name="scale", default=1.0, lower=0.2, upper=5.0, unit="1", text="multiplies the virtual mass"),
-            Parameter(name="damping", default=1.0, lower=0.3, upper=5.0, unit="1", text="multiplies the damping"),
-            Parameter(name="leash", default=1.0, lower=0.3, upper=3.0, unit="1", text="multiplies the leash's length"),
+        self._ramps = Ramps(
+            factor("scale", 0.2, 5.0, "multiplies the virtual mass"),
+            factor("damping", 0.3, 5.0, "multiplies the damping"),
+            factor("leash", 0.3, 3.0, "multiplies the leash's length"),
+            rate=_QUICKEST,
         )
+        self.parameters = self._ramps.parameters
         need = "the sensor in the control point's frame"
         self.transforms = (Transform("sensor", coordinates("wrench"), measured("pose"), need),)
         self._config = config
@@ -134,7 +134,6 @@ class Admittance(Controller):
         if (c := config.release) is not None:
             self._releases = (Release(c.deceleration, c.settle, c.onset), Release(c.angular, c.settle, c.onset))
             self._draws = None if c.draw_in is None else (DrawIn(c.draw_in), DrawIn(c.draw_in))
-        self._ramps = Ramps("scale", "damping", "leash", rate=_QUICKEST)
         self._slowest = 2.0 * min(d / m for d, m in zip(config.damping, config.mass, strict=True))  # 1/s, of 2 D/M
         self._ahead: rotation.Vector = (0.0, 0.0, 0.0)  # rad, of the desired orientation, without jumps at pi
         self._leashed = 0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from srl.control.cobot.contact_compliance import ComplianceConfig
-from srl.control.cobot.kairos_clik import _QUICKEST, KairosClik
+from srl.control.cobot.kairos_clik import KairosClik
+from srl.control.shared.ramp import QUICKEST
 from srl.runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
 
 _FACTORS = ("speed", "gain")
@@ -24,7 +25,7 @@ class CompiledKairos(Compiled):
         first, second, n = c.manipulation, c.locomotion, len(law.input["q"])
         options = numbers(
             c.gain, law._firm.diagonal(), c.damping, c.manipulability,
-            first.base, second.base, first.arm, second.arm, first.posture, second.posture, c.blend, _QUICKEST,
+            first.base, second.base, first.arm, second.arm, first.posture, second.posture, c.blend, QUICKEST,
             law._fastest is not None, c.acceleration or 0.0,
             c.base_speed is not None, c.base_speed or [0.0] * 3,
             c.base_acceleration is not None, c.base_acceleration or [0.0] * 3,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from srl.control.cobot.moca_impedance import _QUICKEST, MocaImpedance
+from srl.control.cobot.moca_impedance import MocaImpedance
 from srl.control.shared.compiled_chain import bodies_of, body_of, joint_places
+from srl.control.shared.ramp import QUICKEST
 from srl.runtime.contracts.compiled import Compiled, NotCompiledError, Step, bind, numbers
 
 
@@ -26,7 +27,7 @@ class CompiledMoca(Compiled):
             first.base, second.base, first.arm, second.arm, first.posture, second.posture,
             c.blend, c.virtual_mass, c.base_damping, c.base_acceleration is not None, c.base_acceleration or [0.0] * 3,
             c.gravity == "here", c.coriolis, c.payload is not None,
-            bare.gravity.linear, _QUICKEST,
+            bare.gravity.linear, QUICKEST,
         )  # fmt: skip
         self.state, self.postures = np.zeros(50), np.zeros((3, n))
         self.loaded = np.zeros(11)

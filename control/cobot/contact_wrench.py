@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from operator import sub
 from typing import Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from srl.control.cobot.axes import Point
 from srl.control.cobot.whole_body import mount_of_the_arm
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError
 from srl.runtime.contracts.gravity import GRAVITY
 from srl.runtime.contracts.options import Options
@@ -21,10 +20,8 @@ from srl.runtime.contracts.transforms import Transform, coordinates, device, mea
 from srl.runtime.models.robots.pinocchio_model import FLANGE
 
 
-class WeightConfig(BaseModel):
+class WeightConfig(Options):
     """An object whose weight the sensor measures."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     mass: float = Field(ge=0, le=50, description="kg")
     com: Point = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the control point's frame")

@@ -7,34 +7,30 @@ moves. Errata of the paper and additions: docs/super-man.md.
 from __future__ import annotations
 
 from math import cos, prod, sin
-from typing import Any, Final
+from typing import Any
 
 import eigenpy
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from srl.control.cobot.axes import OnPlanarTwist, OnTwist
 from srl.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
 from srl.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
 from srl.control.cobot.whole_body import BASE, RobotName, add_base, jacobian_signal
 from srl.control.shared.priority import Priority
-from srl.control.shared.ramp import Ramps
+from srl.control.shared.ramp import Ramps, factor
 from srl.control.shared.spd6 import Equations
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.per_element import Positive
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
 from srl.runtime.models.robot_model import RobotOption, arm_named
 
-_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 
-
-class KairosPriority(BaseModel):
+class KairosPriority(Options):
     """The weights of one priority."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     base: Positive = Field(description="w_b, how much the base is spared")
     arm: Positive = Field(description="w_a, how much the arm is spared")
@@ -121,11 +117,9 @@ class KairosClik(Controller):
             if self._hand:
                 hand = Signal(name="hand", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH)
                 self.inputs += (hand,)
-        self.parameters = (
-            Parameter(name="speed", default=1.0, lower=0.1, upper=1.0, unit="1", text="multiplies the speed limits"),
-            Parameter(name="gain", default=1.0, lower=0.1, upper=4.0, unit="1", text="multiplies K"),
-        )
-        self._ramps = Ramps("speed", "gain", rate=_QUICKEST)
+        speed = factor("speed", 0.1, 1.0, "multiplies the speed limits")
+        self._ramps = Ramps(speed, factor("gain", 0.1, 4.0, "multiplies K"))
+        self.parameters = self._ramps.parameters
         self._config = config
         self._priority = Priority(n, config.blend)
         self._fastest = None if config.speed is None else (config.speed * robot.dq_max).tolist()

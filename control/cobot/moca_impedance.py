@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final, Literal
 
 import eigenpy
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from srl.control.cobot.axes import MassInertia, OnPlanarTwist, OnTwist
 from srl.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
@@ -28,11 +28,11 @@ from srl.control.cobot.whole_body import (
     mount_of_the_arm,
 )
 from srl.control.shared.priority import Priority
-from srl.control.shared.ramp import Ramps
+from srl.control.shared.ramp import Ramps, factor
 from srl.control.shared.spd6 import NEAR, Equations
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.per_element import Positive
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
@@ -43,16 +43,14 @@ _SLOWEST: Final = 1.0  # rad/s: near singular postures a mode's mass grows witho
 _DROPPED: Final = 0.03  # s over which the weight of an identified load of the robot's whole payload goes
 _LIGHT: Final = 1e-3  # kg, below which there is no load
 _LEVER: Final = 0.3  # m, by which changes of a load's first moment compare with changes of its mass
-_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _HELD_BACK: Final = 0.1  # N m: a larger difference of desired and applied torque counts as held back
 
 Rotors = Literal["none", "damping", "all"]
+_Planar = tuple[float, float, float]
 
 
-class MocaPriority(BaseModel):
+class MocaPriority(Options):
     """The weights of one priority."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     base: Positive = Field(description="eta_B, how much the base is spared")
     arm: Positive = Field(description="eta_A, how much the arm is spared")
@@ -149,9 +147,7 @@ class WeightedTorque:
         self._B = inverse_mass.dot(Ja.T)
         self._S = Ja.dot(self._B)
 
-    def __call__(
-        self, F: list[float], tau_0: list[float], eta_B: float, eta_A: float
-    ) -> tuple[tuple[float, float, float], Array]:
+    def __call__(self, F: list[float], tau_0: list[float], eta_B: float, eta_A: float) -> tuple[_Planar, Array]:
         """tau_v (3,), world axes, and tau_a (n,), N and N m, for F (6,) N, N m; tau_0 (n,) is only the arm's."""
         m, j = self._m, self._j
         u, v = self._J.item(0, 2), self._J.item(1, 2)  # effect of yaw on the control point, m
@@ -208,12 +204,9 @@ class MocaImpedance(Controller):
         if self._identified:
             self.inputs += (Signal(name="load", shape=(4,), unit="kg, m", labels=("mass", "x", "y", "z")),)
         self._held = [0.0] * 4  # mass and first moment of an identified load
-        text = "multiplies K_d, and D_d by its root"
-        self.parameters = (
-            Parameter(name="stiffness", default=1.0, lower=0.2, upper=1.5, unit="1", text=text),
-            Parameter(name="damping", default=1.0, lower=0.5, upper=1.5, unit="1", text="multiplies D_d"),
-        )
-        self._ramps = Ramps("stiffness", "damping", rate=_QUICKEST)
+        stiffness = factor("stiffness", 0.2, 1.5, "multiplies K_d, and D_d by its root")
+        self._ramps = Ramps(stiffness, factor("damping", 0.5, 1.5, "multiplies D_d"))
+        self.parameters = self._ramps.parameters
         self._config = config
         self._K = config.stiffness
         self._D: Array = np.diag([2 * config.damping_ratio * sqrt(k) for k in config.stiffness])  # for 1 kg, 1 kg m^2
@@ -274,16 +267,27 @@ class MocaImpedance(Controller):
         inverse_mass = self._dynamics.inverse_mass(q)
         self._weighted.take(self.input["jacobian"], inverse_mass)
         F = self._force(inverse_mass)
-        tau_0 = self._posture()
-        eta_B = priority.between_ratios(c.manipulation.base, c.locomotion.base)
-        eta_A = priority.between_ratios(c.manipulation.arm, c.locomotion.arm)
-        tau_v, tau_a = self._weighted(F, tau_0, eta_B, eta_A)
-        tau_a += self._dynamics.bias(q, qd, gravity=c.gravity == "here", coriolis=c.coriolis)
-        self.output["torque"][:] = tau_a
+        eta = (
+            priority.between_ratios(c.manipulation.base, c.locomotion.base),
+            priority.between_ratios(c.manipulation.arm, c.locomotion.arm),
+        )
+        tau_v, tau_a = self._weighted(F, self._posture(), *eta)
+        bias = self._dynamics.bias(q, qd, gravity=c.gravity == "here", coriolis=c.coriolis)
+        tau_v, tau_a = self._within(tau_v, tau_a, bias, inverse_mass, eta, dt)
+        self.output["torque"][:] = tau_a + bias
         self.output["force"][:] = F
         self._move_base(tau_v, dt)
         self._singular += self._weighted.independence < NEAR
         self._strongest = max(self._strongest, sqrt(F[0] * F[0] + F[1] * F[1] + F[2] * F[2]))
+
+    def _within(
+        self, tau_v: _Planar, tau_a: Array, bias: Array, inverse_mass: Array, eta: tuple[float, float], dt: float
+    ) -> tuple[_Planar, Array]:
+        """The torques as they are commanded: tau_v (3,), world axes, and tau_a (n,), without the bias (n,).
+
+        `inverse_mass`: M_a^-1 (n, n) of eq. 4; `eta`: eta_B and eta_A of eq. 6.
+        """
+        return tau_v, tau_a
 
     def _force(self, inverse_mass: Array) -> list[float]:
         """Eq. 8: F = D_d (xd_d - x_d) + K_d (x_d - x), on SO(3)."""

@@ -6,14 +6,14 @@ of the joints and speed and acceleration limits of the base as inequalities. For
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import cos, sin
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from srl.control.cobot.axes import OnPlanarTwist
-from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, Rotors
+from srl.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, Rotors, _Planar
 from srl.control.cobot.robot_distances import OPENING, RobotDistances
 from srl.control.cobot.whole_body import BASE
 from srl.control.cobot.whole_body_qp import (
@@ -25,7 +25,6 @@ from srl.control.cobot.whole_body_qp import (
     maker_base_speed,
     turned_base,
 )
-from srl.control.shared.spd6 import NEAR
 from srl.runtime.contracts import rotation
 from srl.runtime.contracts.signals import Array
 
@@ -102,34 +101,10 @@ class MocaQp(MocaImpedance):
             mount = rotation.homogeneous(self.transform["mount"])
             self._distances = RobotDistances(self._robot, mount, self._keep_off)
 
-    def _step(self, dt: float) -> None:
-        c, priority = self._config, self._priority
-        q, qd = self.input["q"], self.input["qd"]
-        inverse_mass = self._dynamics.inverse_mass(q)
-        self._weighted.take(self.input["jacobian"], inverse_mass)
-        F = self._force(inverse_mass)
-        eta_B = priority.between_ratios(c.manipulation.base, c.locomotion.base)
-        eta_A = priority.between_ratios(c.manipulation.arm, c.locomotion.arm)
-        tau_v, tau_a = self._weighted(F, self._posture(), eta_B, eta_A)
-        bias = self._dynamics.bias(q, qd, gravity=c.gravity == "here", coriolis=c.coriolis)
-        tau_v, tau_a = self._within(tau_v, tau_a, bias, inverse_mass, eta_B, eta_A, dt)
-        self.output["torque"][:] = tau_a + bias
-        self.output["force"][:] = F
-        self._move_base(tau_v, dt)
-        self._singular += self._weighted.independence < NEAR
-        self._strongest = max(self._strongest, sqrt(F[0] * F[0] + F[1] * F[1] + F[2] * F[2]))
-
     def _within(
-        self,
-        tau_v: tuple[float, float, float],
-        tau_a: Array,
-        bias: Array,
-        inverse_mass: Array,
-        eta_B: float,
-        eta_A: float,
-        dt: float,
-    ) -> tuple[tuple[float, float, float], Array]:
-        """The law's torques, or the nearest ones within the limits; world axes, without the bias."""
+        self, tau_v: _Planar, tau_a: Array, bias: Array, inverse_mass: Array, eta: tuple[float, float], dt: float
+    ) -> tuple[_Planar, Array]:
+        """The law's torques, or the nearest ones within the limits."""
         yaw = self.input["base_pose"].item(2)
         c, s = cos(yaw), sin(yaw)
         vx, vy, wz = tau_v
@@ -155,8 +130,8 @@ class MocaQp(MocaImpedance):
         least, most = np.minimum(least, given), np.maximum(most, given)
 
         A = turned_base(self.input["jacobian"], c, s).dot(Mi)
-        eta = np.array([eta_B] * BASE + [eta_A] * len(tau_a))
-        W = Mi * eta * eta[:, None]  # eq. 6
+        weights = np.repeat(eta, (BASE, len(tau_a)))
+        W = Mi * weights * weights[:, None]  # eq. 6
         away = self._nearest(
             A,
             self._Q,

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from math import exp, sqrt
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
-from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.options import Options
 
 
-class ReleaseConfig(BaseModel):
+class ReleaseConfig(Options):
     """The brake of a motion that nobody leads. From a speed v it takes `onset` + v/deceleration + 5 `settle` at most.
 
     Afterwards less than 1 % of the speed is left.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     deceleration: float = Field(4.0, gt=0, description="m/s2 of translation, besides that of the law's own damping")
     angular: float = Field(10.0, gt=0, description="rad/s2 of rotation, likewise")

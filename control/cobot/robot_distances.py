@@ -13,11 +13,11 @@ from typing import Any, Final, NamedTuple
 import coal
 import numpy as np
 import pinocchio as pin
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError
 from srl.runtime.contracts.frames import Placement
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.per_element import Positive
 from srl.runtime.contracts.rotation import Vector, matrix
 from srl.runtime.contracts.signals import Array
@@ -59,20 +59,16 @@ class Thing(Placement):
         return self
 
 
-class ToolShape(BaseModel):
+class ToolShape(Options):
     """A capsule round hand and handle, in the flange's frame."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: Vector = Field((0.0, 0.0, 0.0), description="m")
     end: Vector = Field(description="m")
     radius: Positive = Field(description="m")
 
 
-class DistancesConfig(BaseModel):
+class DistancesConfig(Options):
     """Options under `limits.distances`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     least: float = Field(0.03, ge=0.005, le=0.5, description="m, kept between all pairs")
     braking: float = Field(0.4, gt=0, le=5, description="m/s^2 with which a gap may be approached at most")

@@ -10,13 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 import pinocchio as pin
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from srl.control.cobot.axes import Point
 from srl.runtime.contracts import rotation
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError
 from srl.runtime.contracts.gravity import DOWN
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import PLANAR, TWIST
 from srl.runtime.contracts.transforms import Transform, device
@@ -27,10 +28,8 @@ from srl.runtime.models.robots.pinocchio_model import FLANGE, mobile_model, pino
 BASE: Final = 3  # the base's coordinates
 
 
-class LoadConfig(BaseModel):
+class LoadConfig(Options):
     """The load that the gripper carries while it is closed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     mass: float = Field(gt=0, le=50, description="kg")
     com: Point = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the flange frame")

@@ -11,11 +11,11 @@ from typing import Final, Protocol
 
 import daqp  # type: ignore[import-not-found]
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from srl.control.cobot.axes import OnPlanarTwist
 from srl.control.cobot.robot_distances import DistancesConfig
-from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.per_element import Positive
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.robots import SUMMIT_XL
@@ -33,10 +33,8 @@ _SOFTNESS: Final = 1e-9  # the square of what a soft limit is missed by costs it
 _TOLERANCE: Final = 1e-9
 
 
-class ArmLimitsConfig(BaseModel):
+class ArmLimitsConfig(Options):
     """Options under `limits` of the laws that keep an arm's limits."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     margin: float = Field(0.02, ge=0, lt=0.5, description="rad kept off each joint's position limits")
     acceleration: Positive | None = Field(

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from itertools import combinations
 from math import sqrt
 
-from srl.runtime.contracts.signals import Array
-
 Point = Sequence[float]
 
 _INSIDE = 1e-11  # relative to r^2, tolerance within which a point counts as inside a candidate
@@ -29,7 +27,10 @@ class MinimumSphere:
         self.support = []
 
     def around(self, cloud: list[Point]) -> tuple[float, float, float, float]:
-        """Returns the same as `minimum_sphere`. Each call must have as many points in the same order."""
+        """Centre x, y, z and radius r, m, of the smallest sphere around points (n, 3), n >= 1.
+
+        Each call must have as many points in the same order.
+        """
         if self.support:
             p, *others = [cloud[i] for i in self.support]
             found = _circumcentre(p, tuple(others))
@@ -41,11 +42,6 @@ class MinimumSphere:
         centre, radius, support = _search(cloud)
         self.support = [cloud.index(p) for p in support]
         return centre[0], centre[1], centre[2], radius
-
-
-def minimum_sphere(points: Array) -> tuple[float, float, float, float]:
-    """Centre x, y, z and radius r, m, of the smallest sphere around points (n, 3), n >= 1."""
-    return MinimumSphere().around(points.tolist())
 
 
 def _search(cloud: list[Point]) -> tuple[Point, float, list[Point]]:

@@ -1,24 +1,35 @@
-"""Numbers that a client has changed are followed gradually, so that a change makes no step in a command."""
+"""Factors that a client may change in a run: a law follows them gradually, so no change makes a step in a command."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf
+from typing import Final
 
+from srl.runtime.contracts.controller import Parameter
 from srl.runtime.contracts.signals import Array
+
+QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
+
+
+def factor(name: str, lower: float, upper: float, text: str) -> Parameter:
+    """A live parameter that multiplies something: 1 by default. `text`: what it does."""
+    return Parameter(name=name, default=1.0, lower=lower, upper=upper, unit="1", text=text)
 
 
 class Ramps:
-    """Live parameters of a law as it takes them: they go to the clients' values at a bounded rate.
+    """A law's factors as it takes them: they go to the clients' values at a bounded rate.
 
     Attributes:
+        parameters: the law's live parameters.
         values: by name; after a reset those that the clients have set.
     """
 
-    def __init__(self, *names: str, rate: float) -> None:
+    def __init__(self, *parameters: Parameter, rate: float = QUICKEST) -> None:
         """rate: in a second, by at most so much."""
-        self._names, self._rate = names, rate
-        self.values = dict.fromkeys(names, 1.0)
+        self.parameters, self._rate = parameters, rate
+        self._names = tuple(each.name for each in parameters)
+        self.values = dict.fromkeys(self._names, 1.0)
 
     def reset(self, param: Mapping[str, Array]) -> None:
         """Takes the values at once: the law starts at rest."""

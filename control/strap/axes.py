@@ -7,22 +7,20 @@ from __future__ import annotations
 
 from typing import Annotated, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from srl.runtime.contracts.entry import BaseModel
+from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.rotation import Quaternion, Vector, exp, product, turned
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Three = tuple[Finite, Finite, Finite]
 
 
-class Axis(BaseModel):
+class Axis(Options):
     """One axis and the link behind it, in the frame of the link before. At 0 all frames are parallel.
 
     In an arm that is one of the profile's `srl-arms`, `axis`, `link` and `slides` come from there.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     axis: Three = Field((0.0, 0.0, 1.0), description="its direction; its length doesn't matter")
     link: Three = Field((0.0, 0.0, 0.0), description="m, from this axis to the next, or to the tip")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from math import degrees, inf, isfinite, isinf
+from math import degrees, inf, isinf
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from srl.control.shared.turns import measured_turn
 from srl.control.strap.axes import Axis
 from srl.control.strap.correction import Correction
 from srl.control.strap.tilt import UP_Y, UP_Z, tilt, up_in
@@ -218,13 +219,13 @@ class StrapBase(Controller):
 
     def _measured(self) -> Vector | None:
         """The present tilt, rad; None if it isn't measured."""
-        base = _unit(self.input["orientation"])
+        base = measured_turn(self.input["orientation"].tolist())
         body: Quaternion | None = (1.0, 0.0, 0.0, 0.0)
         if self._config.reference == "imu":
-            body = _unit(self.input["body"])
+            body = measured_turn(self.input["body"].tolist())
         else:
             for row in self.input["rotation"]:
-                joint = _unit(row)
+                joint = measured_turn(row.tolist())
                 body = None if joint is None or body is None else product(body, joint)
         if base is None or body is None:
             return None
@@ -248,12 +249,3 @@ class StrapBase(Controller):
 def _rotation(pose: Array) -> Quaternion:
     w, x, y, z = pose[3:].tolist()
     return (w, x, y, z)
-
-
-def _unit(values: Array) -> Quaternion | None:
-    """The quaternion, scaled to length 1; None if it is none."""
-    w, x, y, z = values.tolist()
-    size = (w * w + x * x + y * y + z * z) ** 0.5
-    if not isfinite(size) or abs(size - 1.0) > 0.1:
-        return None
-    return (w / size, x / size, y / size, z / size)

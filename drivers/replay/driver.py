@@ -1,27 +1,16 @@
-"""Replays a recorded device in place of the real one: same signals, same intervals, same ages."""
+"""Replays a recorded device in place of the real one: same signals, same intervals, same ages.
+
+A recording is srl's own, or a motion file of a capture system (`srl.drivers.replay.motion_file`).
+"""
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import Field
-
+from srl.drivers.replay import motion_file
+from srl.drivers.replay.config import OPTIONS, ReplayConfig
 from srl.drivers.replay.track import load
-from srl.runtime.contracts.driver import DeviceConfig, Sensor
+from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
-from srl.runtime.contracts.files import ProfilePath
 from srl.runtime.contracts.signals import Array
-
-
-class ReplayConfig(DeviceConfig):
-    """Options of a recorded device."""
-
-    recording: ProfilePath = Field(description="FILE.rrd, a folder of segments, or a black box")
-    device: str = Field(description="the recorded device whose states are given")
-    start: float = Field(0.0, ge=0, description="s of the recording that are skipped")
-    at_end: Literal["lose", "hold", "loop"] = Field(
-        "lose", description="lose: the device is gone; hold: its last sample stays new; loop: it begins again"
-    )
 
 
 class Player:
@@ -32,12 +21,14 @@ class Player:
         stamp: ns of that clock, when the newest sample was taken; -1 before the first.
         frames: samples so far.
         over: whether the end was reached with `at_end: lose`.
-        over: the end was reached, with `at_end: lose`.
     """
 
     def __init__(self, config: ReplayConfig, place: str) -> None:
-        """Reads the recording. Raises RecordingError."""
-        self._track = load(str(config.recording), config.device, config.start)
+        """Reads the recording. Raises RecordingError, HostError."""
+        if config.recording.suffix.lower() in OPTIONS:
+            self._track = motion_file.samples(config)
+        else:
+            self._track = load(str(config.recording), config.device, config.start)
         self._at_end, self._place = config.at_end, place
         self._started: int | None = None
         self._last = -1  # number of the newest sample; keeps counting when the track is repeated
@@ -45,6 +36,11 @@ class Player:
         self.stamp = -1
         self.frames = 0
         self.over = False
+
+    @property
+    def duration(self) -> float:
+        """s, from the first sample to when it would begin anew."""
+        return self._track.length * 1e-9
 
     def rewind(self) -> None:
         """Begins again at the next call of `play`. Raises DeviceError if the recording is over."""
@@ -99,6 +95,11 @@ class Replay(Sensor):
         super().__init__(name, config)
         self._player = Player(config, name)
         self.states = self._player.signals
+
+    @property
+    def duration(self) -> float:
+        """s that the recording lasts."""
+        return self._player.duration
 
     def open(self) -> None:
         """Raises DeviceError if the recording is over."""

@@ -1,4 +1,4 @@
-"""One device's samples in a recording: the time of arrival, the age at that time, and the values."""
+"""One device's samples, as in a recording: the time of arrival, the age at that time, and the values."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from srl.runtime.contracts import terms
 from srl.runtime.contracts.errors import RecordingError, nearest
@@ -15,15 +16,38 @@ from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.recording.reader import Recording, read
 
 
-class Track:
+class Samples:
     """The samples, in order of arrival.
 
     Attributes:
         signals: the device's states.
-        arrived: (k,) int64, ns from the track's beginning, rising; the cycle that found the sample.
+        arrived: (k,) int64, ns from the beginning, rising; the cycle that found the sample.
         age: (k,) int64, ns, the sample's age at that time.
-        length: ns until the track begins anew when it is repeated.
+        length: ns until it begins anew when it is repeated.
     """
+
+    def __init__(
+        self, signals: tuple[Signal, ...], arrived: NDArray[np.int64], age: NDArray[np.int64], values: list[Array]
+    ) -> None:
+        """`values`: (k, ...) of each signal."""
+        self.signals, self.arrived, self.age, self._values = signals, arrived, age, values
+        gaps = np.diff(arrived)
+        self.length = int(arrived[-1]) + (int(np.median(gaps)) if gaps.size else 10**9)
+
+    def __len__(self) -> int:
+        return len(self.arrived)
+
+    def find(self, elapsed: int) -> int:
+        """Returns the number of the newest sample that has arrived `elapsed` ns after the beginning; -1 if none."""
+        return int(np.searchsorted(self.arrived, elapsed, side="right")) - 1
+
+    def values(self, number: int) -> list[Array]:
+        """Returns a sample's values, by signal."""
+        return [values[number] for values in self._values]
+
+
+class Track(Samples):
+    """A device's samples in a recording."""
 
     def __init__(self, recording: Recording, device: str, start: float, place: str) -> None:
         """
@@ -39,7 +63,7 @@ class Track:
         if not fields:
             have = [name for name in recording.layout.devices if recording.states(name)]
             raise RecordingError(place, f"it has no states of a device '{device}'", nearest(device, have))
-        self.signals = tuple(_signal(field, device) for field in fields)
+        signals = tuple(_signal(field, device) for field in fields)
         now, stamp = recording.int("now"), recording.int(f"{device}.stamp")
         begin = int(now[0]) + round(start * 1e9)
         new = np.diff(stamp, prepend=-1) > 0
@@ -49,22 +73,8 @@ class Track:
             raise RecordingError(
                 place, f"'{device}' gave no sample after {start:g} s of {seconds:.1f} s", "Choose another `start`"
             )
-        self.arrived = now[new] - int(now[new][0])
-        self.age = now[new] - stamp[new]
-        self._values = [recording.value(field.name)[new] for field in fields]
-        gaps = np.diff(self.arrived)
-        self.length = int(self.arrived[-1]) + (int(np.median(gaps)) if gaps.size else 10**9)
-
-    def __len__(self) -> int:
-        return len(self.arrived)
-
-    def find(self, elapsed: int) -> int:
-        """Returns the number of the newest sample that has arrived `elapsed` ns after the beginning; -1 if none."""
-        return int(np.searchsorted(self.arrived, elapsed, side="right")) - 1
-
-    def values(self, number: int) -> list[Array]:
-        """Returns a sample's values, by signal."""
-        return [values[number] for values in self._values]
+        values = [recording.value(field.name)[new] for field in fields]
+        super().__init__(signals, now[new] - int(now[new][0]), now[new] - stamp[new], values)
 
 
 # What recordings of earlier versions, which named few elements, had by shape.

@@ -14,7 +14,7 @@ import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, BinaryIO, Final
 
 from pydantic import BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo, WithJsonSchema
 from pydantic.json_schema import JsonSchemaValue
@@ -28,6 +28,16 @@ LARGEST: Final = 1 << 20  # bytes of a file that is kept: each segment of a reco
 def read_regular(path: Path, most: int = -1) -> bytes:
     """The bytes of a regular file, `most` of them at most; -1: all.
 
+    Raises:
+        OSError: it can't be read, or is something else than a file.
+    """
+    with open_regular(path) as file:
+        return file.read(most)
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """A regular file, open for reading.
+
     A pipe would keep its reader waiting for ever, and opening a device may do something to it: they aren't opened.
 
     Raises:
@@ -35,9 +45,13 @@ def read_regular(path: Path, most: int = -1) -> bytes:
     """
     _check_regular(os.stat(path).st_mode)
     # Between the two it may have become a pipe: then this doesn't wait for its other end.
-    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+    file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")  # noqa: SIM115  # who calls closes it
+    try:
         _check_regular(os.fstat(file.fileno()).st_mode)
-        return file.read(most)
+    except OSError:
+        file.close()
+        raise
+    return file
 
 
 def _check_regular(mode: int) -> None:

@@ -32,9 +32,24 @@ COMPONENTS: Final = dict(zip(QUATERNION, ("quat_w", "quat_x", "quat_y", "quat_z"
 # Of a velocity's elements: the keyword of the type, by the element's first letter.
 RATES: Final = {"v": "VEL", "w": "GYRO"}
 COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame")
-TYPES: Final = ("POS", "ORNT", "VEL", "GYRO", "JNTANG", "MISC", "LATENCY")  # those that we write
+TYPES: Final = ("ACCEL", "ANGACCEL", "GYRO", "JNTANG", "LATENCY", "MAGN", "MISC", "ORNT", "POS", "VEL")
+UNKNOWN: Final = (  # recommended by the specification, and in no recording: for the lab to fill in
+    "Manufacturer", "ManufacturersModelName", "DeviceSerialNumber", "InstitutionName", "InstitutionAddress",
+    "InstitutionalDepartmentName", "Instructions",
+)  # fmt: skip
 NONE: Final = "n/a"
 DEVICE: Final = "device"  # the reference frame of coordinates whose frame the recording doesn't say
+
+ABOUT: Final = """Runs of supernumerary robotic limbs, exported from recordings by srl-runtime.
+
+A tracking system is a device of the run's profile. Each row of its motion file is a cycle of the control loop; the
+channel `latency` has the cycle's time from the first row, and `age` how old the device's sample was. Units are SI,
+angles are in rad, orientations are unit quaternions. `reference_frame` names a frame of the profile; the channels'
+sidecar describes it. The events are the messages of the runtime and their times.
+
+Fill in what only you know: authors and license in `dataset_description.json`, what is `n/a` in the sidecars, and here
+who took part, what they did, and who may use the data.
+"""
 
 
 @dataclass(frozen=True)
@@ -169,9 +184,7 @@ def _sidecar(
 ) -> dict[str, Any]:
     meta = recording.layout.meta
     up, down = meta["rate"]
-    counts = {
-        f"{'Misc' if kind == 'MISC' else kind}ChannelCount": sum(c.type == kind for c in channels) for kind in TYPES
-    }
+    counts = {f"{kind}ChannelCount": sum(c.type == kind for c in channels) for kind in TYPES}
     points = {c.tracked_point for c in channels if c.type not in ("MISC", "LATENCY")}
     about = (meta.get("devices") or {}).get(device) or {}
     simulated = device in (meta.get("simulated") or ())
@@ -188,6 +201,7 @@ def _sidecar(
         "TrackedPointsCount": len(points),
         "MissingValues": "n/a",
         "SubjectArtefactDescription": "n/a",
+        **dict.fromkeys(UNKNOWN, NONE),
         **counts,
     }
 
@@ -210,7 +224,11 @@ def _events(recording: Recording, path: Path) -> list[Path]:
         text = re.sub(r"\s+", " ", event.text)
         lines.append(f"{float(now[at] - now[0]) / 1e9!r}\tn/a\t{event.level.name.lower()}\t{event.cycle}\t{text}")
     _text(path, "\n".join(lines) + "\n")
-    sidecar = {"cycle": {"Description": "The loop's cycle."}, "description": {"Description": "What the runtime said."}}
+    sidecar = {
+        "cycle": {"Description": "The loop's cycle."},
+        "description": {"Description": "What the runtime said."},
+        "StimulusPresentation": {"SoftwareName": "srl-runtime", "SoftwareVersion": __version__},
+    }
     _text(path.with_suffix(".json"), json.dumps(sidecar, indent=2) + "\n")
     return []
 
@@ -225,7 +243,7 @@ def _data_set(folder: Path, person: str, files: Sequence[Path], recording: Recor
                 "GeneratedBy": [{"Name": "srl-runtime", "Version": __version__}],
             }, indent=2,
         ) + "\n",
-        "README.md": f"# {name}\n\nRuns of supernumerary robotic limbs, exported from recordings by srl-runtime.\n",
+        "README.md": f"# {name}\n\n{ABOUT}",
     }  # fmt: skip
     for file, text in first.items():
         if not (folder / file).exists():

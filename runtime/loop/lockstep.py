@@ -1,6 +1,7 @@
 """Runs the cycle of a fully simulated profile step by step in this process: no clock, no ring, no telemetry.
 
-For tests and measurements. The decisions are the loop's own (`srl.runtime.loop.cycle`), the time is the world's.
+For tests and measurements, and for files that are played as devices. The decisions are the loop's own
+(`srl.runtime.loop.cycle`), the time is the world's, or counted where there is none.
 """
 
 from __future__ import annotations
@@ -33,12 +34,11 @@ class Lockstep:
         """Opens the devices.
 
         Args:
-            graph: the wired system of a profile whose devices are all simulated.
+            graph: the wired system of a profile whose devices are all simulated, or played from files.
             report: takes the text of an event.
         Raises:
             DeviceError: a simulated device can't be opened.
         """
-        assert graph.world is not None
         self.graph, self._world, self.count = graph, graph.world, 0
         self.period = round(1e9 / graph.profile.rate)
         self.devices = [
@@ -57,7 +57,8 @@ class Lockstep:
         self.count += 1
         now, ints = self.count * self.period, self.graph.row.ints
         ints[CYCLE.cycle], ints[CYCLE.now], ints[CYCLE.dt] = self.count, now, self.period
-        self._world.advance(now)
+        if self._world is not None:
+            self._world.advance(now)
         for device in self.devices:
             device.read(now)
 

@@ -20,11 +20,11 @@ from typing import Final
 import numpy as np
 
 from srl.drivers.noitom.skeleton import Kind, Skeleton
+from srl.drivers.replay.suit_motion import CM, rotations, rows
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.files import read_regular
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.skeleton import bvh
-from srl.sim.wearer.suit_bvh import CM, rotations, rows
 
 _MOST: Final = 1 << 26  # bytes of the table
 TABLE: Final = "InHARD.csv"

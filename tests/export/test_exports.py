@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import subprocess
+import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,6 +15,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from helpers.exported import columns, recorded, same
+from helpers.run import call
 
 from srl.runtime.cli.recordings import FORMATS as RECORDINGS_FORMATS
 from srl.runtime.contracts import extras
@@ -169,6 +173,12 @@ def test_bids_motion_follows_the_specification(tmp_path: Path) -> None:
         "made-up",
         22,
     )
+    types = [channel["type"] for channel in by_name.values()]
+    counts = {key[: -len("ChannelCount")]: n for key, n in reported.items() if key.endswith("ChannelCount")}
+    assert counts.pop("Motion") == len(channels)
+    assert {kind: n for kind, n in counts.items() if n} == {kind: types.count(kind) for kind in set(types)}
+    tracked = {c["tracked_point"] for c in by_name.values() if c["type"] not in ("MISC", "LATENCY")}
+    assert reported["TrackedPointsCount"] == len(tracked)
     levels = json.loads(Path(f"{stem}_channels.json").read_text())["reference_frame"]["Levels"]
     assert "base" in levels
     formats.write("bids", recording, tmp_path, person="P07")
@@ -181,6 +191,35 @@ def test_bids_motion_follows_the_specification(tmp_path: Path) -> None:
         formats.write("bids", recording, tmp_path)
     with pytest.raises(RecordingError, match="no BIDS label"):
         formats.write("bids", recording, tmp_path, person="../x")
+
+
+@pytest.mark.slow
+def test_the_bids_validator_has_nothing_to_say(tmp_path: Path) -> None:
+    """The official one, of the data set's maintainers; what only a lab can say of its data set is there before."""
+    call(tmp_path, "run", "ikns-finger", "--sim", "--fast", "--duration", "1", "--record", "run.rrd")
+    own = {
+        "Name": "reach", "BIDSVersion": "1.10.0", "DatasetType": "raw", "License": "CC0",
+        "Authors": ["one", "another"], "HEDVersion": "8.3.0", "SourceDatasets": [{"URL": "https://example.org"}],
+        "GeneratedBy": [{"Name": "srl-runtime"}],
+    }  # fmt: skip
+    for folder, before in (("whole", own), ("bare", None)):
+        (tmp_path / folder).mkdir()
+        if before is not None:
+            (tmp_path / folder / "dataset_description.json").write_text(json.dumps(before))
+        for _ in range(2):
+            call(tmp_path, "export", "run.rrd", "--bids", folder, "--person", "P07")
+        command = [Path(sys.executable).with_name("bids-validator-deno"), "--json", folder]
+        path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+        ended = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, check=False, env={**os.environ, "PATH": path}
+        )
+        issues = json.loads(ended.stdout)["issues"]["issues"]
+        said = {(issue["code"], issue.get("subCode", "")) for issue in issues}
+        left = {  # the lab's own to say
+            ("JSON_KEY_RECOMMENDED", "HEDVersion"), ("JSON_KEY_RECOMMENDED", "License"),
+            ("JSON_KEY_RECOMMENDED", "SourceDatasets"), ("NO_AUTHORS", "Authors"), ("TOO_FEW_AUTHORS", ""),
+        }  # fmt: skip
+        assert said == (set() if before is not None else left), issues
 
 
 def test_bids_refuses_devices_whose_labels_are_one_and_takes_an_empty_list(tmp_path: Path) -> None:

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import signal
 
+from helpers.acted_calibration import Acted
 from srl.commissioning.calibration.emg.method import ChannelMap, EmgMethod
-from srl.commissioning.calibration.emg.procedure import Step
-from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.runtime.contracts.wearer import Contract
-from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, State
-from srl.runtime.profile import profile
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED
 
 NAMES = ("biceps", "triceps")
 GAINS = {"biceps": 6e-4, "triceps": 1.5e-4}
@@ -33,7 +29,7 @@ QUICK = ("read=0.5", "rest=1", "hold=1", "pause=1", "repeats=2", "patience=2")
 _CYCLE = 100  # samples
 
 
-class Electrodes(RowSource):
+class Electrodes(Acted):
     """Rows of a Trigno.
 
     Attributes:
@@ -51,6 +47,7 @@ class Electrodes(RowSource):
     """
 
     channel_map: ChannelMap
+    period, look = 50_000_000, 4
 
     def __init__(
         self, option: Sequence[str] = QUICK, gains: Mapping[str, float] = GAINS, hum: Mapping[str, float] | None = None,
@@ -59,48 +56,29 @@ class Electrodes(RowSource):
         tone: Mapping[str, float] | None = None, hole: Sequence[int] = (), gone: Sequence[int] = (),
         person: str = "P07", settings: Sequence[str] = (), seed: int = 5,
     ) -> None:  # fmt: skip
-        checked, source = profile.parse("worn.yaml", PROFILE, settings)
-        method = EmgMethod(
-            CalibrationRequest("worn.yaml", "emg", option=option), checked, source, Path("p07.json"), lambda _: None
-        )
-        self.graph = build(*method.subset(person), sim=False)
-        self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
-        self.graph.layout.meta["simulated"] = ["emg"]
-        self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")
+        request = CalibrationRequest("worn.yaml", "emg", person, option=option)
+        super().__init__(EmgMethod, request, PROFILE, "emg", settings)
         self.gains, self.hum, self.limit, self.dead = gains, hum or {}, limit or {}, dead
         self.contracts, self.crossed, self.tone = contracts or {}, crossed, tone or {}
         self.strengths = {name: list(each) for name, each in (strengths or {}).items()}
         self.hole, self.gone = set(hole), set(gone)
-        self.rows, self.closed, self.reported = list[Rows](), False, list[str]()
-        self._random, self._t, self._count = np.random.default_rng(seed), 0, 0
+        self.reported = list[str]()
+        self._random, self._count = np.random.default_rng(seed), 0
         self._sections = signal.butter(4, (20, 450), "bandpass", output="sos", fs=2000)
         self._state = np.zeros((len(self._sections), 2, 2))
         self._goal, self._active = np.zeros(2), np.zeros(2)
-        self.step: Step | None = None
 
-    def take(self) -> Rows:
-        made = np.array([self._next() for _ in range(4)])
-        self.rows.append(made)
-        return made
-
-    def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
-        self.step = procedure.step
-        reported = procedure.instruction()
+    def told(self, step: Any, instruction: Any) -> None:
         self._goal = np.array([self.tone.get(name, 0.002) for name in NAMES])
-        if isinstance(reported, Contract):
-            name = self.contracts.get(reported.muscle, reported.muscle)
-            self.reported.append(reported.muscle)
-            strength = self.strengths[reported.muscle].pop(0) if self.strengths.get(reported.muscle) else 1.0
+        if isinstance(instruction, Contract):
+            name = self.contracts.get(instruction.muscle, instruction.muscle)
+            self.reported.append(instruction.muscle)
+            strength = self.strengths[instruction.muscle].pop(0) if self.strengths.get(instruction.muscle) else 1.0
             self._goal = np.maximum(self._goal, 0.1 * strength)
             self._goal[NAMES.index(name)] = strength
 
-    def close(self) -> None:
-        self.closed = True
-
-    def _next(self) -> Any:
-        self._t += 1
-        row, slots = self.graph.row, self.graph.row.views["emg.samples"]
+    def fill(self, row: Any) -> None:
+        slots = row.views["emg.samples"]
         self._active += 0.4 * (self._goal - self._active)
         white, self._state = signal.sosfilt(self._sections, self._random.normal(size=(_CYCLE, 2)), 0, self._state)
         active = self._active[::-1] if self.crossed else self._active
@@ -116,5 +94,3 @@ class Electrodes(RowSource):
             slots[:] = np.concatenate([slots[_CYCLE:], made])
             row.views["emg.count"][0] = self._count
         row.devices[0, DEVICE.link] = 0 if self._t in self.gone else LINK_CONNECTED
-        row.ints[CYCLE.cycle], row.ints[CYCLE.now], row.ints[CYCLE.state] = self._t, self._t * 50_000_000, State.ACTIVE
-        return row.words.copy()

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from helpers.acted_calibration import Acted
 from srl.commissioning.calibration.frames.method import ChannelMap, FrameMethod
-from srl.commissioning.calibration.held_still import Step
-from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.runtime.contracts import rotation
 from srl.runtime.contracts.rotation import Pose
 from srl.runtime.contracts.wearer import Lead
-from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, State
-from srl.runtime.profile import profile
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED
 
 BASE: Pose = (1.2, -0.4, 0.8, *rotation.from_rpy(0.1, 0.0, 2.0))  # of the arm in the room
 TRACKER: Pose = (0.03, 0.02, 0.05, *rotation.from_rpy(0.3, 0.2, 0.1))  # of what the cameras see, on the flange
@@ -55,7 +51,7 @@ sim:
 """
 
 
-class Leader(RowSource):
+class Leader(Acted):
     """Rows of arm and cameras. What else may happen is by number, from 1 on.
 
     Attributes:
@@ -76,34 +72,20 @@ class Leader(RowSource):
         blind: Sequence[int] = (),
         flat: bool = False, line: bool = False, scale: float = 1.0, noise: float = 0.0001, base: Pose = BASE,
     ) -> None:  # fmt: skip
-        checked, source = profile.parse("cell.yaml", PROFILE)
-        method = FrameMethod(
-            CalibrationRequest("cell.yaml", "frames", option=option), checked, source, Path("arm.json"), lambda _: None
-        )  # fmt: skip
-        self.graph = build(*method.subset(""), sim=False)
-        self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
-        self.graph.layout.meta["simulated"] = list(self.graph.layout.devices)
-        self.channel_map = method.channel_map(self.graph.layout, "cell.yaml")
+        super().__init__(FrameMethod, CalibrationRequest("cell.yaml", "frames", option=option), PROFILE, "")
         self.blind = blind
         self.pushed, self.lost, self.flat, self.line = pushed or {}, lost, flat, line
         self.scale, self.noise, self.base = scale, noise, base
-        self.rows, self.closed, self.led = list[Rows](), False, 0
-        self._random, self.count, self._number = np.random.default_rng(5), 0, 0
+        self.led = 0
+        self._random, self._number = np.random.default_rng(5), 0
         self._from = self._to = np.array([0.5, 0.0, 0.4, 0.0, 0.0, 0.0])
         self._since = self.turning = 0.0
-        self.step: Step | None = None
 
-    def take(self) -> Rows:
-        made = np.array([self._next() for _ in range(5)])
-        self.rows.append(made)
-        return made
-
-    def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
-        self.step, self._number = procedure.step, procedure.step.number
-        if isinstance(procedure.instruction(), Lead):
+    def told(self, step: Any, instruction: Any) -> None:
+        self._number = step.number
+        if isinstance(instruction, Lead):
             self.led += 1
-            self._from, self._since = self._to, self.count / 50.0
+            self._from, self._since = self._to, self._t / 50.0
             random = np.random.default_rng((5, self._number, self.led))
             place = np.array([0.5, 0.0, 0.4]) + random.uniform(-0.3, 0.3, 3)
             turn = random.uniform(-1.0, 1.0, 3) * ([0.0, 0.0, 1.0] if self.flat else [1.0, 1.0, 1.0])
@@ -111,15 +93,10 @@ class Leader(RowSource):
                 place[1:] = 0.0, 0.4
             self._to = np.concatenate([place, turn])
 
-    def close(self) -> None:
-        self.closed = True
-
-    def _next(self) -> Any:
-        self.count += 1
-        share = min((self.count / 50.0 - self._since) / 0.5, 1.0)
+    def fill(self, row: Any) -> None:
+        share = min((self._t / 50.0 - self._since) / 0.5, 1.0)
         at = self._from + share * (self._to - self._from)
         flange: Pose = (*at[:3].tolist(), *Rotation.from_rotvec(at[3:]).as_quat(scalar_first=True).tolist())
-        row = self.graph.row
         names = self.graph.layout.devices
         for device in names:
             there = not (device == "mocap" and self._number in self.lost)
@@ -132,9 +109,6 @@ class Leader(RowSource):
             seen[:3] = self.scale * (seen[:3] + self.noise * self._random.normal(size=3))
             seen[0] += self.pushed.get(self._number, 0.0)
             turned = Rotation.from_rotvec(10.0 * self.noise * self._random.normal(size=3))
-            turned *= Rotation.from_rotvec([0.0, self.turning * self.count / 50.0, 0.0])
+            turned *= Rotation.from_rotvec([0.0, self.turning * self._t / 50.0, 0.0])
             seen[3:] = (Rotation.from_quat(seen[3:], scalar_first=True) * turned).as_quat(scalar_first=True)
             row.views["mocap.tool.pose"][:] = 0.0 if self._number in self.blind else seen
-        row.ints[CYCLE.cycle], row.ints[CYCLE.now] = self.count, self.count * 20_000_000
-        row.ints[CYCLE.state] = State.ACTIVE
-        return row.words.copy()

@@ -5,20 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from helpers.acted_calibration import Acted
 from srl.commissioning.calibration.ft.method import ChannelMap, FtMethod
-from srl.commissioning.calibration.held_still import Step
-from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.runtime.contracts.wearer import Turn
-from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, State
-from srl.runtime.profile import profile
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED
 
 BIAS = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.3])  # N, N m
 MASS, COM = 0.45, np.array([0.004, -0.007, 0.053])  # kg, m
@@ -27,7 +23,7 @@ PROFILE = re.sub(r"calibration: \{.*\}", "calibration: handle.json", _SHIPPED)
 assert PROFILE != _SHIPPED
 
 
-class Turner(RowSource):
+class Turner(Acted):
     """Rows of the sensor. What else may happen is by pose, from 1 on.
 
     Attributes:
@@ -44,52 +40,30 @@ class Turner(RowSource):
         self, option: Sequence[str] = (), touched: dict[int, float] | None = None, stays: Sequence[int] = (),
         flat: bool = False, lost: Sequence[int] = (), mass: float = MASS, noise: float = 0.05,
     ) -> None:  # fmt: skip
-        checked, source = profile.parse("led.yaml", PROFILE)
-        method = FtMethod(
-            CalibrationRequest("led.yaml", "ft", option=option), checked, source, Path("handle.json"), lambda _: None
-        )
-        self.graph = build(*method.subset(""), sim=False)
-        self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
-        self.graph.layout.meta["simulated"] = ["sensor"]
-        self.channel_map = method.channel_map(self.graph.layout, "led.yaml")
+        super().__init__(FtMethod, CalibrationRequest("led.yaml", "ft", option=option), PROFILE, "sensor")
         self.touched, self.stays, self.flat, self.mass, self.noise = touched or {}, stays, flat, mass, noise
         self.lost = lost
-        self.rows, self.closed, self.turned = list[Rows](), False, 0
-        self._random, self._t, self._pose = np.random.default_rng(5), 0, 0
+        self.turned = 0
+        self._random, self._pose = np.random.default_rng(5), 0
         self._from = self._to = Rotation.identity()
         self._since = 0.0
-        self.step: Step | None = None
 
-    def take(self) -> Rows:
-        made = np.array([self._next() for _ in range(5)])
-        self.rows.append(made)
-        return made
-
-    def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
-        self.step, self._pose = procedure.step, procedure.step.number
-        reported = procedure.instruction()
-        if isinstance(reported, Turn) and self._pose not in self.stays:
+    def told(self, step: Any, instruction: Any) -> None:
+        self._pose = step.number
+        if isinstance(instruction, Turn) and self._pose not in self.stays:
             self.turned += 1
-            up = np.array(reported.up) + self._random.normal(0.0, 0.1, 3)
+            up = np.array(instruction.up) + self._random.normal(0.0, 0.1, 3)
             if self.flat:
                 up = np.array([np.cos(self.turned), np.sin(self.turned), 0.0])
             self._from, self._since = self._to, self._t / 50.0
             self._to, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])
 
-    def close(self) -> None:
-        self.closed = True
-
-    def _next(self) -> Any:
-        self._t += 1
+    def fill(self, row: Any) -> None:
         share = min((self._t / 50.0 - self._since) / 0.5, 1.0)
         turn = self._from * Rotation.from_rotvec(share * (self._from.inv() * self._to).as_rotvec())
-        row = self.graph.row
         row.devices[0, DEVICE.link] = 0 if self._pose in self.lost else LINK_CONNECTED
         weight = turn.inv().apply([0.0, 0.0, -9.81 * self.mass])
         touch = turn.inv().apply([0.0, 0.0, self.touched.get(self._pose, 0.0)])
         wrench = np.concatenate([weight + touch, np.cross(COM, weight)]) + BIAS
         wrench += self._random.normal(size=6) * self.noise * [1.0, 1.0, 1.0, 0.02, 0.02, 0.02]
         row.views["sensor.wrench"][:] = wrench
-        row.ints[CYCLE.cycle], row.ints[CYCLE.now], row.ints[CYCLE.state] = self._t, self._t * 20_000_000, State.ACTIVE
-        return row.words.copy()

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from helpers.acted_calibration import Acted
 from helpers.intention import SKELETON
 from srl.commissioning.calibration.intention.method import ChannelMap, IntentionMethod
-from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.sources import Rows, RowSource
-from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Perform, Rest
 from srl.runtime.ipc.header import CYCLE, LINK_CONNECTED, State
-from srl.runtime.profile import profile
 from srl.sim.wearer.people import subject
 from srl.sim.wearer.performer import Performer
 
@@ -47,47 +43,31 @@ class Person:
     hidden: set[str] = field(default_factory=set)
 
 
-class Pretender(RowSource):
+class Pretender(Acted):
     """Rows of a simulated person, without physics.
 
     Attributes: `person` may be changed; `rows` so far.
     """
 
     channel_map: ChannelMap
+    period, look = 50_000_000, 10
 
     def __init__(
         self, person: Person | None = None, actions: str | None = None, number: int = 3, option: Sequence[str] = ()
     ) -> None:
-        checked, source = profile.parse("suit.yaml", PROFILE)
-        order = CalibrationRequest("suit.yaml", "intention", "P07", actions=actions, option=option)
-        method = IntentionMethod(order, checked, source, Path("p07.json"), lambda _: None)
-        self.graph = build(*method.subset("P07"), sim=False)
-        self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
-        self.graph.layout.meta["simulated"] = ["suit"]
-        self.channel_map = method.channel_map(self.graph.layout, "suit.yaml")
-        self.person, self.rows, self.closed = person or Person(), list[Rows](), False
+        request = CalibrationRequest("suit.yaml", "intention", "P07", actions=actions, option=option)
+        super().__init__(IntentionMethod, request, PROFILE, "suit")
+        self.person = person or Person()
         self._body = Performer(subject(number, SKELETON.names), SKELETON)
         self._noise = np.random.default_rng(number)
-        self._t, self._hidden = 0, False
+        self._hidden = False
 
-    def take(self) -> Rows:
-        made = np.array([self._next() for _ in range(10)])
-        self.rows.append(made)
-        return made
-
-    def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
-        reported = procedure.instruction()
-        name = reported.action if isinstance(reported, Perform) else ""
+    def told(self, step: Any, instruction: Any) -> None:
+        name = instruction.action if isinstance(instruction, Perform) else ""
         self._hidden = name in self.person.hidden
-        self._body.instruct(self._t / 20.0, Rest() if name in self.person.lazy else reported)
+        self._body.instruct(self._t / 20.0, Rest() if name in self.person.lazy else instruction)
 
-    def close(self) -> None:
-        self.closed = True
-
-    def _next(self) -> Array:
-        self._t += 1
-        row = self.graph.row
+    def fill(self, row: Any) -> None:
         hips, rotation = self._body.at(self._t / 20.0)
         row.views["suit.rotation"][:] = np.nan if self._hidden else rotation
         row.views["suit.rotation"][1:, 1:] += self._noise.normal(0.0, 0.001, (58, 3))

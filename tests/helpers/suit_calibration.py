@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from srl.commissioning.calibration.held_still import Kind, Step
-from srl.commissioning.calibration.profile_subset import build
+from helpers.acted_calibration import Acted
+from srl.commissioning.calibration.held_still import Kind
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.sources import Rows, RowSource
 from srl.commissioning.calibration.suit.method import ChannelMap, SuitMethod
 from srl.drivers.noitom.skeleton import Skeleton
 from srl.runtime.contracts.wearer import Return, Walk
-from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, State
-from srl.runtime.profile import profile
+from srl.runtime.ipc.header import DEVICE, LINK_CONNECTED, LINK_STALE
 
 PROFILE = """
 name: worn
@@ -32,7 +29,7 @@ QUICK = ("read=1.5", "hold=4", "walk=20", "stands=4")
 _SWINGS = {"LeftUpLeg": 0.4, "RightUpLeg": -0.4, "LeftArm": -0.3, "RightArm": 0.3, "LeftForeArm": 0.2, "Spine": 0.05}
 
 
-class Suited(RowSource):
+class Suited(Acted):
     """Rows of the suit.
 
     Attributes:
@@ -49,6 +46,7 @@ class Suited(RowSource):
     """
 
     channel_map: ChannelMap
+    period, look = 200_000_000, 4
 
     def __init__(
         self, option: Sequence[str] = QUICK, heading: float = 0.6, drift: Mapping[str, float] | None = None,
@@ -56,63 +54,34 @@ class Suited(RowSource):
         scatter: float = 0.01, pose: str = "n", frozen: Sequence[str] = (), gone: Sequence[int] = (),
         turns: bool = True, person: str = "P07",
     ) -> None:  # fmt: skip
-        checked, source = profile.parse("worn.yaml", PROFILE)
-        method = SuitMethod(
-            CalibrationRequest("worn.yaml", "suit", option=option), checked, source, Path("p07.json"), lambda _: None
-        )
-        self.method = method
-        self.graph = build(*method.subset(person), sim=False)
-        self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
-        self.graph.layout.meta["simulated"] = ["suit"]
-        self.channel_map = method.channel_map(self.graph.layout, "worn.yaml")
+        request = CalibrationRequest("worn.yaml", "suit", person, option=option)
+        super().__init__(SuitMethod, request, PROFILE, "suit")
         self.heading, self.drift, self.tilted, self.faces = heading, drift or {}, tilted or {}, faces or {}
         self.scatter, self.pose, self.frozen, self.gone, self.turns = scatter, pose, frozen, gone, turns
-        self.rows, self.closed = list[Rows](), False
-        self._random, self._t = np.random.default_rng(11), 0
+        self._random = np.random.default_rng(11)
         self._walks, self._yaw = False, 0.0
         self._off = np.zeros(len(BODY.names))
-        self.step: Step | None = None
 
-    @property
-    def time(self) -> float:
-        """s."""
-        return self._t / 5.0
-
-    def take(self) -> Rows:
-        made = np.array([self._next() for _ in range(4)])
-        self.rows.append(made)
-        return made
-
-    def begin(self, procedure: Any) -> None:
-        self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
-        self.step = procedure.step
-        reported = procedure.instruction()
-        if isinstance(reported, Walk | Return):
-            self._walks = isinstance(reported, Walk)
-        if procedure.step.kind is Kind.GO:
-            self._yaw = self.faces.get(procedure.step.number, 0.0)
+    def told(self, step: Any, instruction: Any) -> None:
+        if isinstance(instruction, Walk | Return):
+            self._walks = isinstance(instruction, Walk)
+        if step.kind is Kind.GO:
+            self._yaw = self.faces.get(step.number, 0.0)
             self._off = self._random.normal(0.0, self.scatter, len(BODY.names))
 
-    def close(self) -> None:
-        self.closed = True
-
-    def _next(self) -> Any:
-        self._t += 1
-        row = self.graph.row
+    def fill(self, row: Any) -> None:
         stand = self.step.number if self.step is not None else 0
         stale = stand in self.gone and self.step is not None and self.step.kind is not Kind.PAUSE
         row.devices[0, DEVICE.link] = LINK_CONNECTED | (LINK_STALE if stale else 0)
         if not stale:
             row.views["suit.rotation"][:] = self._rotations(stand)
-        row.ints[CYCLE.cycle], row.ints[CYCLE.now], row.ints[CYCLE.state] = self._t, self._t * 200_000_000, State.ACTIVE
-        return row.words.copy()
 
     def _rotations(self, stand: int) -> Any:
         """(59, 4) w x y z, in the parents, as the suit sends them."""
         still = np.tile([1.0, 0.0, 0.0, 0.0], (len(BODY.names), 1))
         if self.frozen == ("all",):
             return still
-        t = self.time
+        t = self._t / 5.0
         if self._walks and self.turns:
             self._yaw += 0.15
         own = np.zeros((len(BODY.names), 3))  # rotation vectors in the parents

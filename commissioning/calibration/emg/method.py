@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from math import ceil
@@ -12,18 +11,16 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from srl.commissioning.calibration.emg import report as emg_report
-from srl.commissioning.calibration.emg.fit import Thresholds, fit, refusals
+from srl.commissioning.calibration.emg.fit import Mvc, Thresholds, fit, refusals
 from srl.commissioning.calibration.emg.procedure import Procedure
 from srl.commissioning.calibration.emg.report import Result
-from srl.commissioning.calibration.emg.samples import EmgMarksConfig, Plan, Samples, joined, parts
-from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.emg.samples import EmgMarksConfig, Plan, Samples, parts
+from srl.commissioning.calibration.marks import Indices, joined
+from srl.commissioning.calibration.method import Method, Say
 from srl.commissioning.calibration.profile_subset import find, subset_for
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import MarkedChannels, marks_law, words
+from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
 from srl.control.emg.processing import EmgError, OnlineEnvelope
 from srl.control.emg.record import FORMAT, EmgRecord
 from srl.runtime.contracts.errors import RequestError, WiringError
@@ -34,39 +31,41 @@ from srl.runtime.profile.profile import ControllerEntry, Profile
 from srl.runtime.profile.source import Source
 
 LAW: Final = "emg-activation"
-MARKS: Final = "emg-marks"
 _PART: Final = "muscles"
 _FASTEST: Final = Fraction(100)  # Hz, of the calibration's rows
 _FRAME: Final = 27  # samples that come at once; a row must hold a cycle's and these
 
 
 @dataclass(frozen=True)
-class ChannelMap(MarkedChannels):
-    """What is read of the device. Attributes: `options` of the marks' law; `block` (k n,), `count`, `shape` (k, n)."""
+class ChannelMap(RunChannels):
+    """What is read of the device: `block` (k n,), `count` (1,), `shape` (k, n)."""
 
-    law = MARKS
-    options: EmgMarksConfig
-    block: NDArray[np.intp]
-    count: NDArray[np.intp]
+    law, config, unknown = "emg-marks", EmgMarksConfig, "which samples belong to which contraction"
+    block: Indices
+    count: Indices
     shape: tuple[int, ...]
 
-    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+    @classmethod
+    def places(cls, layout: Layout, options: EmgMarksConfig, place: str) -> tuple[Any, ...]:
+        block, count = (words(layout, [name], place) for name in (options.signal, options.count))
+        return block, count, layout.fields[options.signal].shape
+
+    def _samples(self, times: Array, floats: Array, marks: Indices) -> Samples:
         blocks = floats[:, self.block].reshape(-1, *self.shape)
         return Samples(times, blocks, floats[:, self.count[0]], marks)
 
 
-class EmgMethod(Method[ChannelMap, Result]):
+class EmgMethod(Method[ChannelMap, Mvc]):
     """See the module's docstring."""
 
-    name, law, option, record_type, error = "emg", LAW, "calibration", EmgRecord, EmgError
+    name, law, record_type, error, channels = "emg", LAW, EmgRecord, EmgError, ChannelMap
+    groups: ClassVar = {"plan": Plan, "thresholds": Thresholds}
     thing = "muscles"
     counted = range(1, 1 << 31)
     report: ClassVar[ModuleType] = emg_report
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(request, checked, source, target, say)
-        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
-        self._plan, self._thresholds = found["plan"], found["thresholds"]
         self._device = self._emg()
 
     def _emg(self) -> str:
@@ -81,17 +80,20 @@ class EmgMethod(Method[ChannelMap, Result]):
         return owners.pop()
 
     def subset(self, person: str) -> tuple[Profile, Source]:
-        marks = partial(_marks, person, self._device, self._plan, self._thresholds)
-        return subset_for(
-            self.checked,
-            self.source,
-            LAW,
-            ("samples", "count"),
-            marks,
-            self.request.sim,
-            ("samples", "count"),
-            self._bare,
-        )
+        reads, marks = ("samples", "count"), partial(self._marks, person)
+        return subset_for(self.checked, self.source, LAW, reads, marks, self.request.sim, reads, self._bare)
+
+    def _marks(self, person: str, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:
+        """The entry of the marks' law. Raises WiringError: the device's samples have no muscles' names."""
+        signal, count = f"{self._device}.samples", f"{self._device}.count"
+        field = graph.layout.fields.get(signal)
+        if field is None or count not in graph.layout.fields or not field.components:
+            problem = f"there is no '{signal}' of named muscles beside '{count}'"
+            remedy = "Use the driver `trigno`, or `lsl` with a signal `samples` that has a `block`"
+            raise WiringError(f"the input 'samples' of {LAW}", problem, remedy)
+        channels = _slots(graph.profile.devices[self._device].options)
+        muscles = list(field.components[0])
+        return self._entry(person=person, signal=signal, count=count, channels=channels, muscles=muscles)
 
     def _bare(self, plain: dict[str, Any]) -> None:
         """The device alone, with all its samples in each row; and simulated muscles that do what they are told."""
@@ -122,17 +124,7 @@ class EmgMethod(Method[ChannelMap, Result]):
         sim["devices"] = {self._device: device | {"part": own[0]}}
         plain["sim"] = sim | {"world": "cell"}
 
-    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        mark, options = ChannelMap.marked(layout, place, EmgMarksConfig, "which contraction", self.name)
-        block, count = (words(layout, [name], place) for name in (options.signal, options.count))
-        shape = layout.fields[options.signal].shape
-        return ChannelMap(layout, mark, options, block, count, shape)
-
-    def ready(self, channel_map: ChannelMap) -> None:
-        self._is_ours(channel_map, "--recording")
-
-    def _is_ours(self, channel_map: ChannelMap, place: str) -> None:
-        """Raises RequestError: it is of other muscles, or of other slots, than the profile's."""
+    def _check(self, channel_map: ChannelMap, place: str) -> None:
         ours = _slots(self.checked.devices[self._device].options)
         theirs = _channels(channel_map.layout, self._device)
         if tuple(channel_map.options.muscles) != tuple(ours) or theirs != ours:
@@ -146,13 +138,6 @@ class EmgMethod(Method[ChannelMap, Result]):
             one.shape == other.shape
         )
 
-    def take(self, older: ChannelMap) -> ChannelMap:
-        self._is_ours(older, "--from" if self.request.redo else "--recording")
-        self._plan = kept(older.options.plan, self._plan)
-        self._thresholds = kept(older.options.thresholds, self._thresholds)
-        update = {"plan": self._plan, "thresholds": self._thresholds}
-        return replace(older, options=older.options.model_copy(update=update))
-
     def procedure(self, before: Sequence[Any]) -> Procedure:
         muscles = tuple(_slots(self.checked.devices[self._device].options))
         level = None
@@ -163,28 +148,25 @@ class EmgMethod(Method[ChannelMap, Result]):
             level = OnlineEnvelope(len(muscles), filters).take(rest)[settled:].mean(axis=0)
         return Procedure(muscles, self._plan, self._thresholds, level)
 
-    def compute(self, channel_map: ChannelMap, parts_: Sequence[Any], date: datetime.date) -> Result:
+    def _fit(self, channel_map: ChannelMap, samples: Samples) -> tuple[Mvc, tuple[EmgError, ...]]:
         options = channel_map.options
-        rest, contractions = parts(joined(parts_), options.muscles, options.plan)
+        rest, contractions = parts(samples, options.muscles, options.plan)
         found = fit(options.muscles, rest, contractions, options.plan.filters(), options.plan.window)
-        return Result(options, channel_map.simulated, found, date, refusals(found, options.thresholds))
+        return found, refusals(found, options.thresholds)
 
-    def record(self, result: Result) -> EmgRecord:
+    def _content(self, result: Result[Mvc]) -> dict[str, Any]:
         found, options = result.found, result.options
         filters = options.plan.filters()
         muscles = {
             name: {"rest": _rounded(found.rest[i]), "mvc": _rounded(found.mvc[i]), "repeats": list(map(_rounded, own))}
             for i, (name, own) in enumerate(zip(found.muscles, found.own, strict=True))
         }
-        return EmgRecord.model_validate(
-            {
-                "format": FORMAT, "person": options.person, "date": result.date, "simulated": result.simulated,
-                "signal": options.signal, "channels": options.channels,
-                "rate": filters.rate, "band": filters.band, "band_order": filters.band_order,
-                "cutoff": filters.cutoff, "cutoff_order": filters.cutoff_order, "window": options.plan.window,
-                "muscles": muscles,
-            }
-        )  # fmt: skip
+        return {
+            "format": FORMAT, "signal": options.signal, "channels": options.channels,
+            "rate": filters.rate, "band": filters.band, "band_order": filters.band_order,
+            "cutoff": filters.cutoff, "cutoff_order": filters.cutoff_order, "window": options.plan.window,
+            "muscles": muscles,
+        }  # fmt: skip
 
 
 def _asked(options: dict[str, Any]) -> dict[str, Any]:
@@ -204,23 +186,6 @@ def _rounded(volts: float) -> float:
 
 def _channels(layout: Layout, device: str) -> dict[str, int]:
     """The muscles' slots in a layout's own profile."""
-    checked, _ = marks_law(layout, "recording", MARKS)
+    checked, _ = marks_law(layout, "recording", ChannelMap.law)
     entry = checked.devices.get(device)
     return _slots(entry.options) if entry is not None else {}
-
-
-def _marks(
-    person: str, device: str, plan: Plan, thresholds: Thresholds, graph: Graph, entry: ControllerEntry
-) -> dict[str, Any]:  # fmt: skip
-    """The entry of the marks' law. Raises WiringError: the device's samples have no muscles' names."""
-    signal, count = f"{device}.samples", f"{device}.count"
-    field = graph.layout.fields.get(signal)
-    if field is None or count not in graph.layout.fields or not field.components:
-        problem = f"there is no '{signal}' of named muscles beside '{count}'"
-        remedy = "Use the driver `trigno`, or `lsl` with a signal `samples` that has a `block`"
-        raise WiringError(f"the input 'samples' of {LAW}", problem, remedy)
-    channels = _slots(graph.profile.devices[device].options)
-    return {
-        "use": MARKS, "name": MARKS, "person": person, "signal": signal, "count": count, "channels": channels,
-        "muscles": list(field.components[0]), "plan": plan.model_dump(), "thresholds": thresholds.model_dump(),
-    }  # fmt: skip

@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 
 from srl.commissioning.calibration.emg.fit import Thresholds
-from srl.commissioning.calibration.emg.samples import IDLE, REST, Plan, Samples, mark
+from srl.commissioning.calibration.emg.samples import REST, Plan, Samples, mark
 from srl.commissioning.calibration.guided import Bar, View
 from srl.commissioning.calibration.guided import Procedure as Guided
+from srl.commissioning.calibration.marks import IDLE
 from srl.control.emg.blocks import GONE, Stream
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Contract, Instruction, Rest
@@ -77,7 +78,6 @@ class Procedure(Guided):
         self._levels: list[Array] = []
 
     def feed(self, samples: Samples) -> None:
-        """Takes new samples; those that bear another mark than the step's don't count."""
         for time, block, count, each in zip(
             samples.times, samples.blocks, samples.counts, samples.marks, strict=True
         ):  # fmt: skip
@@ -120,7 +120,6 @@ class Procedure(Guided):
         self._next()
 
     def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
         return Contract(self._muscles[self.step.muscle - 1]) if self.step.kind is Kind.CONTRACT else Rest()
 
     def go_on(self) -> str:
@@ -152,7 +151,6 @@ class Procedure(Guided):
         return ""
 
     def view(self) -> View:
-        """What a person is shown now."""
         kind = self.step.kind
         name = self._muscles[self.step.muscle - 1] if self.step.muscle else ""
         words = {

@@ -2,49 +2,22 @@
 
 from __future__ import annotations
 
-import datetime
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
 from srl.commissioning.calibration.emg.fit import Mvc
-from srl.commissioning.calibration.emg.samples import EmgMarksConfig
-from srl.commissioning.calibration.picture import save
-from srl.control.emg.processing import EmgError
+from srl.commissioning.calibration.picture import plt, save
+from srl.commissioning.calibration.result import Result
 
 
-@dataclass(frozen=True)
-class Result:
-    """What was found, and why it can't be used, if it can't.
-
-    Attributes:
-        options: with which it was measured.
-        simulated: whether the muscles were.
-        found: what was found.
-        date: of the measurement.
-        refusals: why it can't be used.
-    """
-
-    options: EmgMarksConfig
-    simulated: bool
-    found: Mvc
-    date: datetime.date
-    refusals: tuple[EmgError, ...]
-
-
-def lines(result: Result) -> list[str]:
+def lines(result: Result[Mvc]) -> list[str]:
     """The report as text."""
     found, options = result.found, result.options
     filters = options.plan.filters()
     text = [
-        f"{options.person}, {options.signal}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}",
+        f"{options.person}, {options.signal}{result.when}",
         "muscle                  rest uV   MVC uV  contractions uV               differ  hum at rest",
     ]
     for i, name in enumerate(found.muscles):
@@ -68,13 +41,12 @@ def lines(result: Result) -> list[str]:
     return text
 
 
-def metrics(result: Result) -> dict[str, Any]:
+def metrics(result: Result[Mvc]) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     found, options = result.found, result.options
     top = found.levels.max(axis=1)
     return {
-        "person": options.person, "signal": options.signal, "date": result.date.isoformat(),
-        "simulated": result.simulated,
+        "signal": options.signal,
         "muscles": {
             name: {
                 "rest": float(found.rest[i]), "mvc": float(found.mvc[i]), "repeats": found.own[i].tolist(),
@@ -85,11 +57,10 @@ def metrics(result: Result) -> dict[str, Any]:
             }
             for i, name in enumerate(found.muscles)
         },
-        "refusals": [{"place": r.place, "problem": r.problem} for r in result.refusals],
     }  # fmt: skip
 
 
-def draw(result: Result, png: Path) -> None:
+def draw(result: Result[Mvc], png: Path) -> None:
     """Draws each muscle's envelopes in its contractions, and what all give in each. Raises RecordError."""
     found = result.found
     n = len(found.muscles)

@@ -9,18 +9,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from srl.commissioning.calibration.emg.fit import Thresholds
-from srl.commissioning.calibration.marks import Indices, MarkLaw
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, MarkLaw, stretches
 from srl.control.emg.blocks import joined_samples
 from srl.control.emg.processing import EmgError, Filters
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
-IDLE: Final = 0
 REST: Final = 1
 MUSCLES: Final = 16
 REPEATS: Final = 9
@@ -33,7 +31,7 @@ def mark(muscle: int, repeat: int) -> int:
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Rows in the order of time.
 
     Attributes:
@@ -47,15 +45,6 @@ class Samples:
     blocks: Array
     counts: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-
-def joined(parts: Sequence[Samples]) -> Samples:
-    """One after another."""
-    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "blocks", "counts", "marks"))
-    return Samples(*found)
 
 
 class Plan(Options):
@@ -101,14 +90,13 @@ def parts(samples: Samples, muscles: Sequence[str], plan: Plan) -> tuple[Array, 
 
 
 def _whole(samples: Samples, wanted: int, least: float, rate: float, place: str, number: int) -> Array:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples.marks == wanted, [False]]).astype(np.int8)))
     remedy = _AGAIN.replace("N", str(number), 2)
     missing = False
-    for start, stop in reversed(edges.reshape(-1, 2).tolist()):
-        times = samples.times[start:stop]
+    for at in reversed(stretches(samples.marks, wanted)):
+        times = samples.times[at]
         if times[-1] - times[0] < 0.9 * least:
             continue  # broken off
-        if (whole := joined_samples(samples.blocks[start:stop], samples.counts[start:stop])) is None:
+        if (whole := joined_samples(samples.blocks[at], samples.counts[at])) is None:
             missing = True
             continue
         came = len(whole) / (times[-1] - times[0])
@@ -137,7 +125,4 @@ class EmgMarks(MarkLaw):
 
     Config = EmgMarksConfig
     summary = "marks in the rows when surface EMG is calibrated (srl calibrate PROFILE emg)"
-
-    def __init__(self, name: str, config: EmgMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(mark(MUSCLES, REPEATS))
+    most = mark(MUSCLES, REPEATS)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Final, get_args
@@ -13,17 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.commissioning.calibration.frames import report as frame_report
-from srl.commissioning.calibration.frames.fit import MountError, Thresholds, fit, refusals
+from srl.commissioning.calibration.frames.fit import Mount, MountError, Thresholds, fit, refusals
 from srl.commissioning.calibration.frames.procedure import Procedure
 from srl.commissioning.calibration.frames.report import Result
-from srl.commissioning.calibration.frames.samples import FrameMarksConfig, Plan, Samples, held, joined, pairs
-from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.frames.samples import FrameMarksConfig, Plan, Samples, held, pairs
+from srl.commissioning.calibration.marks import Indices, joined
+from srl.commissioning.calibration.method import Method, Say, file_of
 from srl.commissioning.calibration.pose_signals import pose_signals
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import MarkedChannels, words
+from srl.commissioning.calibration.run_channels import RunChannels, words
 from srl.runtime.contracts import registry
-from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, WiringError, nearest
+from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.frames import IDENTITY
 from srl.runtime.contracts.options import Options
@@ -34,7 +34,6 @@ from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 
-MARKS: Final = "frame-marks"
 _PEOPLE: Final = ("person", "hands")  # parts of whoever would lead another thing meanwhile
 
 
@@ -47,23 +46,29 @@ class Between(Options):
 
 
 @dataclass(frozen=True)
-class ChannelMap(MarkedChannels):
-    """What is read. Attributes: `options` of the marks' law; `parent`, `own` (7,): the poses in parent and frame."""
+class ChannelMap(RunChannels):
+    """What is read: the poses in `parent` and frame (`own`; None: known points), each (7,)."""
 
-    law = MARKS
-    options: FrameMarksConfig
-    parent: NDArray[np.intp]
-    own: NDArray[np.intp] | None
+    law, config, unknown = "frame-marks", FrameMarksConfig, "which samples belong together"
+    parent: Indices
+    own: Indices | None
 
-    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+    @classmethod
+    def places(cls, layout: Layout, options: FrameMarksConfig, place: str) -> tuple[Any, ...]:
+        own = None if options.frame_signal is None else words(layout, [options.frame_signal], place)
+        return words(layout, [options.parent_signal], place), own
+
+    def _samples(self, times: Array, floats: Array, marks: Indices) -> Samples:
         own = np.tile(IDENTITY, (len(floats), 1)) if self.own is None else _seen(floats[:, self.own])
         return Samples(times, _seen(floats[:, self.parent]), own, marks)
 
 
-class FrameMethod(Method[ChannelMap, Result]):
+class FrameMethod(Method[ChannelMap, Mount]):
     """See the module's docstring."""
 
-    name, law, option, record_type, error = "frames", "", "calibration", FrameRecord, MountError
+    name, record_type, error, channels = "frames", FrameRecord, MountError, ChannelMap
+    groups: ClassVar = {"plan": Plan, "thresholds": Thresholds, "between": Between}
+    fixed = ("plan",)
     personal = False
     thing = "points or poses"
     report: ClassVar[ModuleType] = frame_report
@@ -72,17 +77,11 @@ class FrameMethod(Method[ChannelMap, Result]):
     def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
         frame = _frame(request, checked, source)
         given = checked.frames[frame].calibration
-        if isinstance(given, KeptFile):
-            return given.path
-        try:
-            return source.files.find(given)
-        except OptionError as error:
-            raise ProfileError(source.place(f"frames.{frame}.calibration"), error.problem, error.remedy) from None
+        return given.path if isinstance(given, KeptFile) else file_of(source, given, f"frames.{frame}.calibration")
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(request, checked, source, target, say)
-        found = settings(request, {"plan": Plan, "thresholds": Thresholds, "between": Between})
-        self._plan, self._thresholds, between = found["plan"], found["thresholds"], found["between"]
+        between = self._settings["between"]
         self._frame = _frame(request, checked, source)
         parent = checked.frames[self._frame].parent
         assert parent is not None  # a frame with `calibration` has one
@@ -105,11 +104,10 @@ class FrameMethod(Method[ChannelMap, Result]):
 
     def _marks(self, graph: Graph) -> dict[str, Any]:
         """The entry of the marks' law."""
-        return {
-            "use": MARKS, "name": MARKS, "frame": self._frame, "parent": self._parent, "drivers": self._devices,
-            "serials": self._serials, "parent_signal": self._signals[0], "frame_signal": (*self._signals, None)[1],
-            "plan": self._plan.model_dump(mode="json"), "thresholds": self._thresholds.model_dump(),
-        }  # fmt: skip
+        return self._entry(
+            frame=self._frame, parent=self._parent, drivers=self._devices, serials=self._serials,
+            parent_signal=self._signals[0], frame_signal=(*self._signals, None)[1],
+        )  # fmt: skip
 
     def _silent(self, plain: dict[str, Any]) -> None:
         """Nothing is commanded: an arm is only read. What a calibration says isn't known yet."""
@@ -135,34 +133,23 @@ class FrameMethod(Method[ChannelMap, Result]):
                 if part in plain["sim"]["parts"]:
                     plain["sim"]["parts"][part]["guided"] = True
 
-    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        mark, options = ChannelMap.marked(layout, place, FrameMarksConfig, "together", self.name)
-        own = None if options.frame_signal is None else words(layout, [options.frame_signal], place)
-        return ChannelMap(layout, mark, options, words(layout, [options.parent_signal], place), own)
-
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return one.options.model_copy(update={"thresholds": other.options.thresholds}) == other.options
 
-    def ready(self, channel_map: ChannelMap) -> None:
+    def _check(self, channel_map: ChannelMap, place: str) -> None:
         theirs, ours = channel_map.options, (self._frame, self._parent)
         if (theirs.frame, theirs.parent) != ours:
             problem = f"it is of '{theirs.frame}' in '{theirs.parent}', not of '{ours[0]}' in '{ours[1]}'"
-            raise RequestError("--recording", problem, "Name a recording of this frame: --option frame=NAME")
+            raise RequestError(place, problem, "Name a recording of this frame: --option frame=NAME")
         for device, driver in theirs.drivers.items():
             now = self.checked.devices[device].driver if device in self.checked.devices else None
             if now != driver:
                 problem = f"it was measured with '{device}' by the driver '{driver}'; now it is {now or 'no device'}"
-                raise RequestError("--recording", problem, "Name the profile with which it was recorded")
+                raise RequestError(place, problem, "Name the profile with which it was recorded")
             was = theirs.serials.get(device)
             if was and (serial := self._serials.get(device, was)) != was:
                 problem = f"it was measured with '{device}' of serial {was}; now it is {serial}"
-                raise RequestError("--recording", problem, "Name the profile with which it was recorded")
-
-    def take(self, older: ChannelMap) -> ChannelMap:
-        self.ready(older)
-        self._plan = older.options.plan
-        self._thresholds = kept(older.options.thresholds, self._thresholds)
-        return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
+                raise RequestError(place, problem, "Name the profile with which it was recorded")
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         done = None
@@ -170,24 +157,22 @@ class FrameMethod(Method[ChannelMap, Result]):
             done = {n: poses[0] for n, poses in held(joined(before), self._plan, self._thresholds)[0].items()}
         return Procedure(self._plan, self._thresholds, done)
 
-    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+    def _fit(self, channel_map: ChannelMap, samples: Samples) -> tuple[Mount, tuple[MountError, ...]]:
         plan, thresholds = channel_map.options.plan, channel_map.options.thresholds
-        found, noise = held(joined(parts), plan, thresholds)
+        found, noise = held(samples, plan, thresholds)
         mount = fit(plan.what, *pairs(found, plan), noise, thresholds)
-        return Result(channel_map.options, channel_map.simulated, mount, date, refusals(mount, thresholds))
+        return mount, refusals(mount, thresholds)
 
-    def record(self, result: Result) -> FrameRecord:
-        mount, options = result.mount, result.options
-        return FrameRecord.model_validate(
-            {
-                "format": FORMAT, "date": result.date, "simulated": result.simulated, "frame": options.frame,
-                "parent": options.parent, "drivers": options.drivers, "serials": options.serials,
-                "signals": [signal for signal in (options.parent_signal, options.frame_signal) if signal],
-                "what": mount.what, "count": len(mount.numbers), "pose": _pose(mount.pose),
-                "body": None if mount.body is None else _pose(mount.body),
-                "left": (float(mount.left.max()), float(mount.askew.max())), "uncertain": mount.uncertain,
-            }
-        )  # fmt: skip
+    def _content(self, result: Result[Mount]) -> dict[str, Any]:
+        mount, options = result.found, result.options
+        return {
+            "format": FORMAT, "frame": options.frame, "parent": options.parent, "drivers": options.drivers,
+            "serials": options.serials,
+            "signals": [signal for signal in (options.parent_signal, options.frame_signal) if signal],
+            "what": mount.what, "count": len(mount.numbers), "pose": _pose(mount.pose),
+            "body": None if mount.body is None else _pose(mount.body),
+            "left": (float(mount.left.max()), float(mount.askew.max())), "uncertain": mount.uncertain,
+        }  # fmt: skip
 
 
 def _seen(poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ class Procedure(HeldStill):
         self.plan, self._thresholds, self.things = plan, thresholds, plan.what
         self._poses = {number: self._place(pose[None]) for number, pose in (before or {}).items()}
         self.fewest = FEWEST[plan.what]
-        super().__init__(range(1, plan.count + 1), before is not None, plan.settle, plan.hold)
+        super().__init__(range(1, plan.count + 1), before is not None, plan.settle, plan.hold, thresholds.steady)
 
     def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
         return samples.times[own], samples.parent[own], samples.frame[own]
@@ -49,11 +49,11 @@ class Procedure(HeldStill):
     def _forget(self, number: int) -> None:
         self._poses.pop(number, None)
 
-    def _still(self) -> bool:
-        return self._moved() <= self._thresholds.steady
+    def _motion(self) -> float:
+        """m, by which either has moved."""
+        return max(map(steady, (self._recent(1), self._recent(2)), self.plan.levers(self._thresholds)))
 
     def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
         return Lead(self.step.number) if self.step.kind is Kind.GO else Rest()
 
     def _task(self) -> str:
@@ -82,12 +82,6 @@ class Procedure(HeldStill):
                 x, y, z = poses[-1][:3]
                 bars.append(Bar(name, None, f"{x:8.4f} {y:8.4f} {z:8.4f} m"))
         return bars
-
-    def _moved(self) -> float:
-        """m, by which either has moved lately; infinite while that isn't known."""
-        if self._elapsed() < self.plan.settle:
-            return float("inf")
-        return max(map(steady, (self._recent(1), self._recent(2)), self.plan.levers(self._thresholds)))
 
     def _place(self, poses: Array) -> Array:
         """(7,) what is compared with others: the mean of poses (T, 7), of points at the tip."""

@@ -2,52 +2,24 @@
 
 from __future__ import annotations
 
-import datetime
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
-from srl.commissioning.calibration.frames.fit import Mount, MountError
-from srl.commissioning.calibration.frames.samples import FrameMarksConfig
-from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.frames.fit import Mount
+from srl.commissioning.calibration.picture import plt, save
+from srl.commissioning.calibration.result import Result
 from srl.runtime.contracts.rotation import homogeneous
 from srl.runtime.contracts.signals import Array
 
 
-@dataclass(frozen=True)
-class Result:
-    """What was found, and why it can't be used, if it can't.
-
-    Attributes:
-        options: with which it was measured.
-        simulated: whether the devices were.
-        mount: what was found.
-        date: of the measurement.
-        refusals: why it can't be used.
-    """
-
-    options: FrameMarksConfig
-    simulated: bool
-    mount: Mount
-    date: datetime.date
-    refusals: tuple[MountError, ...]
-
-
-def lines(result: Result) -> list[str]:
+def lines(result: Result[Mount]) -> list[str]:
     """The report as text."""
-    mount, options = result.mount, result.options
-    what = f"{options.frame} in {options.parent}"
+    mount, options = result.found, result.options
     place, turn = mount.uncertain
     found = [
-        f"{what}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}, "
-        f"{len(mount.numbers)} {mount.what}",
+        f"{options.frame} in {options.parent}{result.when}, {len(mount.numbers)} {mount.what}",
         f"{_pose_text(mount.pose)} (uncertain by {1000 * place:.2f} mm, {np.degrees(turn):.3f} degrees)",
     ]
     if mount.body is not None:
@@ -61,26 +33,24 @@ def lines(result: Result) -> list[str]:
     return found
 
 
-def metrics(result: Result) -> dict[str, Any]:
+def metrics(result: Result[Mount]) -> dict[str, Any]:
     """The report as JSON types; SI units."""
-    mount, options = result.mount, result.options
+    mount, options = result.found, result.options
     each = zip(mount.numbers, mount.left, mount.askew, mount.without, strict=True)
     return {
-        "frame": options.frame, "parent": options.parent, "what": mount.what, "date": result.date.isoformat(),
-        "simulated": result.simulated, "pose": mount.pose.tolist(),
+        "frame": options.frame, "parent": options.parent, "what": mount.what, "pose": mount.pose.tolist(),
         "body": None if mount.body is None else mount.body.tolist(),
         "uncertain": {"position_m": mount.uncertain[0], "rotation_rad": mount.uncertain[1]},
         "spread": mount.spread,
         "each": [
             {"number": n, "left_m": float(m), "left_rad": float(r), "without_m": float(w)} for n, m, r, w in each
         ],
-        "refusals": [{"place": r.place, "problem": r.problem} for r in result.refusals],
     }  # fmt: skip
 
 
-def draw(result: Result, png: Path) -> None:
+def draw(result: Result[Mount], png: Path) -> None:
     """Draws what was measured in both frames, laid on each other, and what is left. Raises RecordError."""
-    mount, limits = result.mount, result.options.thresholds
+    mount, limits = result.found, result.options.thresholds
     parent, found = mount.parent[:, :3], placed(mount)
     figure = plt.figure(figsize=(13, 5), constrained_layout=True)
     space, bars, turns = figure.add_subplot(131, projection="3d"), figure.add_subplot(132), figure.add_subplot(133)

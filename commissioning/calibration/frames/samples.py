@@ -5,7 +5,6 @@ A mark is 0 where nothing counts, n while point or pose n is held, and 100 + n s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
@@ -15,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from srl.commissioning.calibration.frames.exchanged import exchanged
 from srl.commissioning.calibration.frames.fit import FEWEST, MountError, Thresholds
-from srl.commissioning.calibration.held_still import LEFT_OUT
-from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.held_still import LEFT_OUT, block_motion, held_poses
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, MarkLaw
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.rotation import Vector
@@ -26,7 +25,7 @@ MOST: Final = 30  # points or poses
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -40,15 +39,6 @@ class Samples:
     parent: Array
     frame: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-
-def joined(parts: Sequence[Samples]) -> Samples:
-    """One after another."""
-    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "parent", "frame", "marks"))
-    return Samples(*found)
 
 
 def _typed_vector(given: object) -> object:
@@ -105,20 +95,18 @@ class Plan(Options):
         return float(np.linalg.norm(self.parent_tip)), 0.0 if self.known else float(np.linalg.norm(self.frame_tip))
 
 
-def steady(poses: Array, lever: float, blocks: int = 5) -> float:
-    """m: how far the means of consecutive blocks of poses are apart at most; infinite where one isn't measured.
+def steady(poses: Array, lever: float) -> float:
+    """m: how far poses (T, 7) have moved, as in `block_motion`; infinite where one isn't measured.
 
     Args:
         poses: (T, 7) m, w x y z.
         lever: m: a rotation of 1 rad counts as this.
-        blocks: number of blocks; means are compared, so that noise doesn't look like motion.
     """
-    if len(poses) < blocks or not np.isfinite(poses).all():
+    if not np.isfinite(poses).all() or not len(poses):
         return float("inf")
     turns = Rotation.from_quat(poses[:, 3:], scalar_first=True).as_matrix().reshape(-1, 9)
-    both = np.hstack([poses[:, :3], lever / np.sqrt(2.0) * turns])  # matrices differ by sqrt 2 times a small angle
-    means = np.array([part.mean(axis=0) for part in np.array_split(both, blocks)])
-    return float(np.linalg.norm(means[:, None] - means, axis=2).max())
+    # Matrices differ by sqrt 2 times a small angle.
+    return block_motion(np.hstack([poses[:, :3], lever / np.sqrt(2.0) * turns]))
 
 
 def mean(poses: Array) -> Array:
@@ -134,14 +122,8 @@ def held(samples: Samples, plan: Plan, thresholds: Thresholds) -> tuple[dict[int
     """
     found: dict[int, tuple[Array, Array]] = {}
     spread = []
-    for number in range(1, plan.count + 1):
-        at = stretch_of(samples.marks, number)
-        out = np.flatnonzero(samples.marks == LEFT_OUT + number)
-        if at.stop == at.start or (len(out) and out[-1] >= at.stop):
-            continue
-        times, both = samples.times[at], (samples.parent[at], samples.frame[at])
-        if times[-1] - times[0] < 0.9 * plan.hold:
-            continue  # broken off
+    for number, at in held_poses(samples, plan.count, plan.hold).items():
+        both = samples.parent[at], samples.frame[at]
         if (moved := max(map(steady, both, plan.levers(thresholds)))) > thresholds.steady:
             problem = "some of its samples are missing" if moved == np.inf else f"it moved by {1000 * moved:.1f} mm"
             place = f"{plan.what[:-1]} {number}"
@@ -187,7 +169,4 @@ class FrameMarks(MarkLaw):
 
     Config = FrameMarksConfig
     summary = "marks in the rows when a frame is calibrated (srl calibrate PROFILE frames)"
-
-    def __init__(self, name: str, config: FrameMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(LEFT_OUT + MOST)
+    most = LEFT_OUT + MOST

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from srl.commissioning.calibration.ft import report as ft_report
-from srl.commissioning.calibration.ft.fit import FEWEST, FtError, Thresholds, bias_alone, fit, refusals
+from srl.commissioning.calibration.ft.fit import FEWEST, FtError, Load, Thresholds, bias_alone, fit, refusals
 from srl.commissioning.calibration.ft.procedure import Procedure
 from srl.commissioning.calibration.ft.report import Result
-from srl.commissioning.calibration.ft.samples import FtMarksConfig, Plan, Samples, joined, poses
+from srl.commissioning.calibration.ft.samples import FtMarksConfig, Plan, Samples, poses
 from srl.commissioning.calibration.in_hand import take_in_hand
-from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.marks import Indices, joined
+from srl.commissioning.calibration.method import Method, Say
 from srl.commissioning.calibration.profile_subset import elements, find, subset_for
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import MarkedChannels, words
+from srl.commissioning.calibration.run_channels import RunChannels, words
 from srl.control.cobot.ft_record import FORMAT, FtRecord
 from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError
 from srl.runtime.contracts.signals import Array
@@ -33,34 +31,36 @@ from srl.runtime.profile.profile import ControllerEntry, Profile
 from srl.runtime.profile.source import Source
 
 LAW: Final = "admittance"
-MARKS: Final = "ft-marks"
 
 
 @dataclass(frozen=True)
-class ChannelMap(MarkedChannels):
-    """What is read of a sensor. Attributes: `options` of the marks' law; `wrench` (6,); `frame`, of it."""
+class ChannelMap(RunChannels):
+    """What is read of a sensor: `wrench` (6,), and its `frame`; None where its device names none."""
 
-    law = MARKS
-    options: FtMarksConfig
-    wrench: NDArray[np.intp]
+    law, config, unknown = "ft-marks", FtMarksConfig, "which samples belong to which pose"
+    wrench: Indices
     frame: str | None
 
-    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+    @classmethod
+    def places(cls, layout: Layout, options: FtMarksConfig, place: str) -> tuple[Any, ...]:
+        return words(layout, list(options.wrench.values()), place), layout.fields[options.signal].frame
+
+    def _samples(self, times: Array, floats: Array, marks: Indices) -> Samples:
         return Samples(times, floats[:, self.wrench], marks)
 
 
-class FtMethod(Method[ChannelMap, Result]):
+class FtMethod(Method[ChannelMap, Load]):
     """See the module's docstring."""
 
-    name, law, option, record_type, error = "ft", LAW, "calibration", FtRecord, FtError
+    name, law, record_type, error, channels = "ft", LAW, FtRecord, FtError, ChannelMap
+    groups: ClassVar = {"plan": Plan, "thresholds": Thresholds}
+    fixed = ("plan",)
     personal = False
     thing = "poses"
     report: ClassVar[ModuleType] = ft_report
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(request, checked, source, target, say)
-        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
-        self._plan, self._thresholds = found["plan"], found["thresholds"]
         if 1 < self._plan.poses < FEWEST:
             problem = f"{self._plan.poses} poses don't find the load: {FEWEST} are needed"
             raise RequestError("--option poses", problem, "Give more; 1 finds the bias alone")
@@ -81,8 +81,16 @@ class FtMethod(Method[ChannelMap, Result]):
         return device
 
     def subset(self, person: str) -> tuple[Profile, Source]:
-        marks = partial(_marks, self._plan, self._thresholds)
-        return subset_for(self.checked, self.source, LAW, ("wrench",), marks, self.request.sim, ("wrench",), self._held)
+        reads = ("wrench",)
+        return subset_for(self.checked, self.source, LAW, reads, self._marks, self.request.sim, reads, self._held)
+
+    def _marks(self, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:
+        """The entry of the marks' law."""
+        found = elements(graph, LAW, entry, "wrench")
+        if missing := [axis for axis in WRENCH if axis not in found]:
+            raise WiringError(f"the input 'wrench' of {LAW}", f"it has no '{missing[0]}'", "Wire a six-axis sensor")
+        (signal,) = entry.inputs["wrench"].signals
+        return self._entry(signal=signal, wrench={axis: found[axis] for axis in WRENCH})
 
     def _held(self, plain: dict[str, Any]) -> None:
         """Nothing that the profile describes is there, but the sensor and what the person holds in the hands."""
@@ -95,53 +103,25 @@ class FtMethod(Method[ChannelMap, Result]):
         else:
             plain["frames"] = {}
 
-    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        mark, options = ChannelMap.marked(layout, place, FtMarksConfig, "which pose", self.name)
-        wrench = words(layout, list(options.wrench.values()), place)
-        frame = layout.fields[options.signal].frame
-        return ChannelMap(layout, mark, options, wrench, frame)
-
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return (one.options.signal, one.options.plan.poses) == (other.options.signal, other.options.plan.poses)
-
-    def take(self, older: ChannelMap) -> ChannelMap:
-        self._plan = older.options.plan
-        self._thresholds = kept(older.options.thresholds, self._thresholds)
-        return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         done = poses(joined(before), self._plan, self._thresholds)[0] if before else None
         return Procedure(self._plan, self._thresholds, done)
 
-    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
+    def _fit(self, channel_map: ChannelMap, samples: Samples) -> tuple[Load, tuple[FtError, ...]]:
         plan, thresholds = channel_map.options.plan, channel_map.options.thresholds
-        found, noise = poses(joined(parts), plan, thresholds)
+        found, noise = poses(samples, plan, thresholds)
         numbers, wrench = tuple(found), np.array(list(found.values()))
         alone = plan.poses == 1
         load = bias_alone(numbers[0], wrench[0], noise) if alone else fit(numbers, wrench, noise, thresholds)
-        return Result(
-            channel_map.options, channel_map.frame, channel_map.simulated, load, date, refusals(load, thresholds)
-        )
+        return load, refusals(load, thresholds)
 
-    def record(self, result: Result) -> FtRecord:
-        load = result.load
-        return FtRecord.model_validate(
-            {
-                "format": FORMAT, "date": result.date, "simulated": result.simulated, "signal": result.options.signal,
-                "frame": result.frame, "poses": len(load.numbers), "bias": load.bias.round(6).tolist(),
-                "tool_mass": round(load.mass, 6), "tool_com": load.com.round(6).tolist(),
-                "left": load.most, "uncertain": load.uncertain,
-            }
-        )  # fmt: skip
-
-
-def _marks(plan: Plan, thresholds: Thresholds, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:
-    """The entry of the marks' law."""
-    found = elements(graph, LAW, entry, "wrench")
-    if missing := [axis for axis in WRENCH if axis not in found]:
-        raise WiringError(f"the input 'wrench' of {LAW}", f"it has no '{missing[0]}'", "Wire a six-axis sensor")
-    (signal,) = entry.inputs["wrench"].signals
-    return {
-        "use": MARKS, "name": MARKS, "signal": signal, "wrench": {axis: found[axis] for axis in WRENCH},
-        "plan": plan.model_dump(), "thresholds": thresholds.model_dump(),
-    }  # fmt: skip
+    def _content(self, result: Result[Load]) -> dict[str, Any]:
+        load = result.found
+        return {
+            "format": FORMAT, "signal": result.options.signal, "frame": result.channel_map.frame,
+            "poses": len(load.numbers), "bias": load.bias.round(6).tolist(), "tool_mass": round(load.mass, 6),
+            "tool_com": load.com.round(6).tolist(), "left": load.most, "uncertain": load.uncertain,
+        }  # fmt: skip

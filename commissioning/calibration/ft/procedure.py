@@ -38,7 +38,7 @@ class Procedure(HeldStill):
         self.plan, self._thresholds = plan, thresholds
         self._forces = {number: wrench[:3] for number, wrench in (before or {}).items()}
         self.fewest = FEWEST if plan.poses > 1 else 1
-        super().__init__(range(1, plan.poses + 1), before is not None, plan.settle, plan.hold)
+        super().__init__(range(1, plan.poses + 1), before is not None, plan.settle, plan.hold, thresholds.steady)
 
     def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
         return samples.times[own], samples.wrench[own]
@@ -50,14 +50,11 @@ class Procedure(HeldStill):
     def _forget(self, number: int) -> None:
         self._forces.pop(number, None)
 
-    def _still(self) -> bool:
-        return self._moved() <= self._thresholds.steady
-
-    def _ready(self) -> bool:
-        return self._like() is None
+    def _motion(self) -> float:
+        """N, by which the force has changed."""
+        return steady(self._recent(1))
 
     def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
         if self.step.kind is Kind.GO and self.plan.poses > 1:
             return Turn(_WAYS[(self.step.number - 1) % len(_WAYS)][1], (self.step.number - 1) // len(_WAYS))
         return Rest()
@@ -71,12 +68,9 @@ class Procedure(HeldStill):
         return "Hold still" if self.plan.poses > 1 else _ALONE
 
     def _lack(self) -> str:
-        like = self._like()
-        return (
-            ""
-            if like is None
-            else f"it reads as in pose {like}: turn it further (with a very light tool: --option poses=1)"
-        )
+        if (like := self._like()) is None:
+            return ""
+        return f"it reads as in pose {like}: turn it further (with a very light tool: --option poses=1)"
 
     def _missing(self) -> str:
         lost = len(self._times) > 0 and not bool(np.isfinite(self._columns[1]).all())
@@ -90,10 +84,6 @@ class Procedure(HeldStill):
             bars.append(Bar("force", None, f"{fx:7.2f} {fy:7.2f} {fz:7.2f} N"))
             bars.append(Bar("torque", None, f"{tx:7.3f} {ty:7.3f} {tz:7.3f} N m"))
         return bars
-
-    def _moved(self) -> float:
-        """N, by which the force has changed lately; infinite while that isn't known."""
-        return float("inf") if self._elapsed() < self.plan.settle else steady(self._recent(1))
 
     def _like(self) -> int | None:
         """An earlier pose in which the sensor read as now; None: none, or it isn't still."""

@@ -2,52 +2,24 @@
 
 from __future__ import annotations
 
-import datetime
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
-from srl.commissioning.calibration.ft.fit import FtError, Load
-from srl.commissioning.calibration.ft.samples import FtMarksConfig
-from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.ft.fit import Load
+from srl.commissioning.calibration.picture import plt, save
+from srl.commissioning.calibration.result import Result
 from srl.runtime.contracts.gravity import GRAVITY
 
 
-@dataclass(frozen=True)
-class Result:
-    """What was found, and why it can't be used, if it can't.
-
-    Attributes:
-        options: with which it was measured.
-        frame: of the wrench; None where its device names none.
-        simulated: whether the sensor was.
-        load: what was found.
-        date: of the measurement.
-        refusals: why it can't be used.
-    """
-
-    options: FtMarksConfig
-    frame: str | None
-    simulated: bool
-    load: Load
-    date: datetime.date
-    refusals: tuple[FtError, ...]
-
-
-def lines(result: Result) -> list[str]:
+def lines(result: Result[Load]) -> list[str]:
     """The report as text."""
-    load, what = result.load, result.options.signal
+    load = result.found
     f, t = load.bias[:3], load.bias[3:]
     sure = load.uncertain
     found = [
-        f"{what}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}, {_poses(len(load.numbers))}",
+        f"{result.options.signal}{result.when}, {_poses(len(load.numbers))}",
         f"bias: {f[0]:.3f} {f[1]:.3f} {f[2]:.3f} N, {t[0]:.4f} {t[1]:.4f} {t[2]:.4f} N m "
         f"(uncertain by {sure[0]:.3f} N, {sure[1]:.4f} N m)",
     ]
@@ -66,9 +38,9 @@ def lines(result: Result) -> list[str]:
     return found
 
 
-def metrics(result: Result) -> dict[str, Any]:
+def metrics(result: Result[Load]) -> dict[str, Any]:
     """The report as JSON types; SI units."""
-    load = result.load
+    load = result.found
     per_pose = [
         {
             "number": number,
@@ -80,17 +52,15 @@ def metrics(result: Result) -> dict[str, Any]:
     ]
     names = ("bias_n", "bias_n_m", "tool_mass_kg", "tool_com_m")
     return {
-        "signal": result.options.signal, "frame": result.frame, "date": result.date.isoformat(),
-        "simulated": result.simulated, "bias": load.bias.tolist(), "tool_mass": load.mass,
-        "tool_com": load.com.tolist(), "uncertain": dict(zip(names, load.uncertain, strict=True)),
-        "spread": load.spread, "poses": per_pose,
-        "refusals": [{"place": r.place, "problem": r.problem} for r in result.refusals],
+        "signal": result.options.signal, "frame": result.channel_map.frame, "bias": load.bias.tolist(),
+        "tool_mass": load.mass, "tool_com": load.com.tolist(),
+        "uncertain": dict(zip(names, load.uncertain, strict=True)), "spread": load.spread, "poses": per_pose,
     }  # fmt: skip
 
 
-def draw(result: Result, png: Path) -> None:
+def draw(result: Result[Load], png: Path) -> None:
     """Draws the forces on their sphere, and what is left of each pose. Raises RecordError."""
-    load, limits = result.load, result.options.thresholds
+    load, limits = result.found, result.options.thresholds
     figure, axes = plt.subplots(1, 4, figsize=(15, 4.2), constrained_layout=True)
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     weight = load.mass * GRAVITY

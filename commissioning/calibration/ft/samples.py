@@ -5,7 +5,6 @@ A mark is 0 where nothing counts, n while pose n is held, and 100 + n says that 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,8 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from srl.commissioning.calibration.ft.fit import FtError, Thresholds
-from srl.commissioning.calibration.held_still import LEFT_OUT
-from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.held_still import LEFT_OUT, block_motion, held_poses
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, MarkLaw
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
@@ -23,7 +22,7 @@ MOST: Final = 30  # poses
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -36,15 +35,6 @@ class Samples:
     wrench: Array
     marks: Indices
 
-    def __len__(self) -> int:
-        return len(self.times)
-
-
-def joined(parts: Sequence[Samples]) -> Samples:
-    """One after another."""
-    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "wrench", "marks"))
-    return Samples(*found)
-
 
 class Plan(Options):
     """The poses, and how long the steps take."""
@@ -54,17 +44,9 @@ class Plan(Options):
     hold: float = Field(2.0, ge=0.5, description="s of a pose that count")
 
 
-def steady(wrench: Array, blocks: int = 5) -> float:
-    """N: how far the means of consecutive blocks of forces are apart at most; infinite where one isn't measured.
-
-    Args:
-        wrench: (T, 6) N, N m.
-        blocks: number of blocks; means are compared, so that noise doesn't look like motion.
-    """
-    if len(wrench) < blocks or not np.isfinite(wrench).all():
-        return float("inf")
-    means = np.array([part[:, :3].mean(axis=0) for part in np.array_split(wrench, blocks)])
-    return float(np.linalg.norm(means[:, None] - means, axis=2).max())
+def steady(wrench: Array) -> float:
+    """N: how far forces of wrenches (T, 6) have moved, as in `block_motion`; infinite where one isn't measured."""
+    return block_motion(wrench[:, :3]) if np.isfinite(wrench).all() else float("inf")
 
 
 def poses(samples: Samples, plan: Plan, thresholds: Thresholds) -> tuple[dict[int, Array], Array]:
@@ -74,14 +56,8 @@ def poses(samples: Samples, plan: Plan, thresholds: Thresholds) -> tuple[dict[in
     """
     found: dict[int, Array] = {}
     spread = []
-    for number in range(1, plan.poses + 1):
-        at = stretch_of(samples.marks, number)
-        out = np.flatnonzero(samples.marks == LEFT_OUT + number)
-        if at.stop == at.start or (len(out) and out[-1] >= at.stop):
-            continue
-        times, wrench = samples.times[at], samples.wrench[at]
-        if times[-1] - times[0] < 0.9 * plan.hold:
-            continue  # broken off
+    for number, at in held_poses(samples, plan.poses, plan.hold).items():
+        wrench = samples.wrench[at]
         if (moved := steady(wrench)) > thresholds.steady:
             problem = "some of its samples are missing" if moved == np.inf else f"the force changed by {moved:.2f} N"
             raise FtError(f"pose {number}", problem, "Do it again, still: r N, or --redo N --from FILE.rrd")
@@ -106,7 +82,4 @@ class FtMarks(MarkLaw):
 
     Config = FtMarksConfig
     summary = "marks in the rows when a force/torque sensor is calibrated (srl calibrate PROFILE ft)"
-
-    def __init__(self, name: str, config: FtMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(LEFT_OUT + MOST)
+    most = LEFT_OUT + MOST

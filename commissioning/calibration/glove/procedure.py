@@ -31,7 +31,7 @@ class Procedure(HeldStill):
         self._own = [i for i, name in enumerate(sensors) if name not in plan.left]
         self._sensors = tuple(sensors[i] for i in self._own)
         self._before: Array | None = None  # (n,) of the shape that was held last
-        super().__init__(tuple(self._shapes), again, plan.settle, plan.hold)
+        super().__init__(tuple(self._shapes), again, plan.settle, plan.hold, thresholds.steady)
 
     def _columns_of(self, samples: Any, own: Any) -> tuple[Array, ...]:
         return samples.times[own], samples.raw[own][:, self._own]
@@ -41,11 +41,9 @@ class Procedure(HeldStill):
         """s for which the hand must be still now; longer at first, as the person reads what to do."""
         return self.plan.read if self.step.kind is Kind.GO and self._before is None else self.plan.settle
 
-    def _still(self) -> bool:
-        return self._moved() <= self._thresholds.steady
-
-    def _ready(self) -> bool:
-        return not self._like()
+    def _motion(self) -> float:
+        """Counts, by which a sensor has changed."""
+        return moved(self._recent(1))
 
     def _keep(self, number: int) -> bool:
         raw = self._columns[1]
@@ -60,7 +58,6 @@ class Procedure(HeldStill):
         self._before = None
 
     def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
         return Shape(self._shapes[self.step.number].angles) if self.step.kind is Kind.GO else Rest()
 
     def _task(self) -> str:
@@ -82,10 +79,6 @@ class Procedure(HeldStill):
                 counts = " ".join("  ?" if np.isnan(v) else f"{v:3.0f}" for v in self._columns[1][-1, own])
                 bars.append(Bar(finger, None, counts))
         return bars
-
-    def _moved(self) -> float:
-        """Counts, by which a sensor has changed lately; infinite while that isn't known."""
-        return float("inf") if self._elapsed() < self._wait else moved(self._recent(1))
 
     def _like(self) -> bool:
         """Whether the hand is still, and as in the shape before."""

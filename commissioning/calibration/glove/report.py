@@ -2,50 +2,23 @@
 
 from __future__ import annotations
 
-import datetime
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
-from srl.commissioning.calibration.glove.fit import HIGHEST, LOWEST, Glove, GloveError
-from srl.commissioning.calibration.glove.samples import GloveMarksConfig
+from srl.commissioning.calibration.glove.fit import HIGHEST, LOWEST, Glove
 from srl.commissioning.calibration.glove.shapes import shapes
-from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.picture import plt, save
+from srl.commissioning.calibration.result import Result
 
 
-@dataclass(frozen=True)
-class Result:
-    """What was found, and why it can't be used, if it can't.
-
-    Attributes:
-        options: with which it was measured.
-        simulated: whether the glove was.
-        glove: what was found.
-        date: of the measurement.
-        refusals: why it can't be used.
-    """
-
-    options: GloveMarksConfig
-    simulated: bool
-    glove: Glove
-    date: datetime.date
-    refusals: tuple[GloveError, ...]
-
-
-def lines(result: Result) -> list[str]:
+def lines(result: Result[Glove]) -> list[str]:
     """The report as text."""
-    glove, options = result.glove, result.options
+    glove, options = result.found, result.options
     limits = options.thresholds
     found = [
-        f"{options.person}, {options.hand} hand, {options.signal}{' (simulated)' if result.simulated else ''}, "
-        f"{result.date.isoformat()}",
+        f"{options.person}, {options.hand} hand, {options.signal}{result.when}",
         "sensor                   flat  bent  rad/count  noise  uncertain",
     ]
     for i, name in enumerate(glove.sensors):
@@ -66,12 +39,11 @@ def lines(result: Result) -> list[str]:
     return found
 
 
-def metrics(result: Result) -> dict[str, Any]:
+def metrics(result: Result[Glove]) -> dict[str, Any]:
     """The report as JSON types; SI units, and counts."""
-    glove, options = result.glove, result.options
+    glove, options = result.found, result.options
     return {
-        "person": options.person, "hand": options.hand, "signal": options.signal, "date": result.date.isoformat(),
-        "simulated": result.simulated,
+        "hand": options.hand, "signal": options.signal,
         "sensors": {
             name: {
                 "gain": _number(glove.gain[i]), "offset": float(glove.offset[i]), "span": float(glove.span[i]),
@@ -85,7 +57,6 @@ def metrics(result: Result) -> dict[str, Any]:
             shape.name: dict(zip(glove.sensors, glove.held[number].mean.tolist(), strict=True))
             for number, shape in shapes(options.angles).items()
         },
-        "refusals": [{"place": r.place, "problem": r.problem} for r in result.refusals],
     }  # fmt: skip
 
 
@@ -93,9 +64,9 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def draw(result: Result, png: Path) -> None:
+def draw(result: Result[Glove], png: Path) -> None:
     """Draws each sensor's counts in the shapes, and how far each is bent in each. Raises RecordError."""
-    glove, every = result.glove, shapes(result.options.angles)
+    glove, every = result.found, shapes(result.options.angles)
     names, rows = glove.sensors, np.arange(len(glove.sensors))
     figure, (counts, bent) = plt.subplots(
         1, 2, figsize=(13, 1.5 + 0.3 * len(names)), constrained_layout=True, sharey=True

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from srl.commissioning.calibration.glove.fit import GloveError, Held, Thresholds
 from srl.commissioning.calibration.glove.shapes import LAST, Angles, shapes
-from srl.commissioning.calibration.marks import Indices, MarkLaw
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, MarkLaw, stretches
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
@@ -24,7 +24,7 @@ _SHARE: Final = 0.8  # of a shape's samples that must be measured: a radio loses
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -36,15 +36,6 @@ class Samples:
     times: Array
     raw: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-
-def joined(parts: Sequence[Samples]) -> Samples:
-    """One after another."""
-    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "raw", "marks"))
-    return Samples(*found)
 
 
 class Plan(Options):
@@ -99,7 +90,7 @@ def held(
     found: dict[int, Held] = {}
     for number, shape in shapes(known).items():
         place = f"shape {number} ({shape.name})"
-        whole = [at for at in _stretches(samples.marks, number) if _length(samples.times[at]) >= 0.9 * plan.hold]
+        whole = [at for at in stretches(samples.marks, number) if _length(samples.times[at]) >= 0.9 * plan.hold]
         if not whole:
             remedy = f"Do it: r {number}, or --redo {number} --from FILE.rrd"
             raise GloveError(place, "it wasn't held to its end", remedy)
@@ -112,12 +103,6 @@ def held(
         raw = still[-1][np.isfinite(still[-1]).all(axis=1)]
         found[number] = Held(raw.mean(axis=0), raw.std(axis=0), raw.min(axis=0), raw.max(axis=0), len(raw))
     return found
-
-
-def _stretches(marks: Indices, mark: int) -> list[slice]:
-    """All samples without a break that have this mark, among (T,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marks == mark, [False]]).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _length(times: Array) -> float:
@@ -146,7 +131,4 @@ class GloveMarks(MarkLaw):
 
     Config = GloveMarksConfig
     summary = "marks in the rows when a data glove is calibrated (srl calibrate PROFILE glove)"
-
-    def __init__(self, name: str, config: GloveMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(LAST)
+    most = LAST

@@ -57,5 +57,5 @@ class Marks(MarkLaw):
     summary = "marks in the rows of a calibration what the person was to do (srl calibrate)"
 
     def __init__(self, name: str, config: MarksConfig) -> None:
+        self.most = mark_of(config.thresholds.points - 1, len(config.dofs) - 1)
         super().__init__(name, config)
-        self.marks(mark_of(config.thresholds.points - 1, len(config.dofs) - 1))

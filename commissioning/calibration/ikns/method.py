@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, get_args
@@ -18,11 +17,12 @@ from srl.commissioning.calibration.ikns.direction import Directions
 from srl.commissioning.calibration.ikns.marks import MarksConfig
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.result import Result
-from srl.commissioning.calibration.ikns.samples import Samples, ended, joined, seen, stretch
-from srl.commissioning.calibration.method import Method, Say, kept, named, names, settings
+from srl.commissioning.calibration.ikns.samples import Samples, joined, seen
+from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.method import Method, Say, names, settings
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.control.ikns import record
-from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.control.ikns.calibration import Calibration, CalibrationError, Thresholds
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.contracts.wearer import Dof
 from srl.runtime.ipc.layout import Layout
@@ -30,18 +30,19 @@ from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 
 
-class IknsMethod(Method[ChannelMap, Result]):
+class IknsMethod(Method[ChannelMap, Calibration]):
     """See the module's docstring."""
 
-    law, option, record_type, error = profile_subset.LAW, "calibration", record.Record, CalibrationError
+    law, record_type, error, channels = profile_subset.LAW, record.Record, CalibrationError, ChannelMap
+    groups: ClassVar = {"plan": Plan, "thresholds": Thresholds}
     next, thing = "f DOF flip its direction", "points"
+    foreseen = False  # the points are chosen from where the hand has been
     report: ClassVar[ModuleType] = ikns_report
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(request, checked, source, target, say)
         points = [f"points={request.points}"] if request.points is not None else []
-        found = settings(request, {"plan": Plan, "thresholds": Thresholds}, points)
-        self._plan, self._thresholds = found["plan"], found["thresholds"]
+        self._settings = settings(request, self.groups, points)
         self._named = names("--dofs", request.dofs, "a degree of freedom")
         self._dofs = self._named or ("swivel",)
         self._turned = list(request.flip)
@@ -49,7 +50,7 @@ class IknsMethod(Method[ChannelMap, Result]):
             if name not in get_args(Dof):
                 problem = f"the simulated wearer knows no motion '{name}'"
                 raise RequestError("--dofs", problem, nearest(name, get_args(Dof)))
-        file = named(checked, source, type(self))
+        file = self.named(request, checked, source)
         self._directions = Directions(request.direction, [target, *([] if file is None else [file])])
 
     def subset(self, person: str) -> tuple[Profile, Source]:
@@ -67,16 +68,14 @@ class IknsMethod(Method[ChannelMap, Result]):
         return (one.joints, one.options.dofs) == (other.joints, other.options.dofs)
 
     def take(self, older: ChannelMap) -> ChannelMap:
-        thresholds = kept(older.options.thresholds, self._thresholds)
-        older = replace(older, options=older.options.model_copy(update={"thresholds": thresholds}))
         if self.request.redo and self._named and older.options.dofs != self._named:
             problem = f"they are of {', '.join(older.options.dofs)}"
             raise RequestError("--from", problem, "Name recordings of the same degrees of freedom")
-        self._dofs, self._thresholds = older.options.dofs, older.options.thresholds
-        return older
+        self._dofs = older.options.dofs
+        return super().take(older)
 
-    def ended(self, samples: Samples) -> Samples:
-        return ended(samples)
+    def _counts(self, mark: int) -> bool:
+        return marks.of_trial(mark)
 
     def ready(self, channel_map: ChannelMap) -> None:
         """Checks what the command line says of the direction."""
@@ -96,7 +95,7 @@ class IknsMethod(Method[ChannelMap, Result]):
         explored = None
         if before:
             samples = joined(before)
-            explored = seen(samples, stretch(samples, marks.EXPLORATION))
+            explored = seen(samples, stretch_of(samples.marks, marks.EXPLORATION))
         return Procedure(self._dofs, self._thresholds, self._plan, explored)
 
     def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:

@@ -102,7 +102,6 @@ class Procedure(StepProcedure):
         }[self.step.kind]()  # fmt: skip
 
     def go_on(self) -> str:
-        """Ends the present step as it is. Returns why that can't be; "" if it could."""
         if self.step.kind is Kind.EXPLORATION and (lack := self._shallow()):
             return lack
         if self.step.kind is not Kind.DONE:
@@ -110,7 +109,6 @@ class Procedure(StepProcedure):
         return ""
 
     def redo(self, number: int) -> str:
-        """Does a point (from 1 on) again, next. Returns why that can't be; "" if it could."""
         if self.points is None:
             return "the points aren't chosen yet"
         if not 1 <= number <= len(self.points):
@@ -145,7 +143,6 @@ class Procedure(StepProcedure):
         return None if self.points is None or self.step.point < 0 else self.points[self.step.point]
 
     def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
         if self.step.kind is Kind.EXPLORATION:
             return Explore(self.plan.exploration)
         if self.target is None:
@@ -154,7 +151,6 @@ class Procedure(StepProcedure):
         return Hold((x, y, z), cast(Dof, self.dofs[self.step.dof]) if self.step.kind is Kind.TRIAL else None)
 
     def view(self) -> View:
-        """What a person is shown now."""
         # What a trial lacks, it may still get in its time.
         early = self.step.kind is Kind.TRIAL and self._elapsed() < self._span()
         states = tuple(self._state(at) for at in range(len(self._lacks)))

@@ -5,16 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from srl.commissioning.calibration.ikns.result import Result
-from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.picture import plt, save
 from srl.runtime.contracts.signals import Array
 
 _COLORS = ("#0072B2", "#E69F00", "#009E73")  # Okabe and Ito's, one a DoF
@@ -42,9 +37,6 @@ def metrics(result: Result) -> dict[str, Any]:
         for i, number in enumerate(result.numbers)
     ]
     return {
-        "person": result.channel_map.options.person,
-        "date": result.date.isoformat(),
-        "simulated": result.channel_map.simulated,
         "frame": result.channel_map.frame,
         "joints": list(result.channel_map.joints),
         "dofs": list(result.dofs),
@@ -71,9 +63,8 @@ def crosstalk(result: Result) -> float | None:
 def lines(result: Result) -> list[str]:
     """The report as text."""
     found, reported = result.found, metrics(result)
-    who = f"person {reported['person']}{' (simulated)' if reported['simulated'] else ''}"
     text = [
-        f"{who}, {reported['date']}: {len(result.numbers)} points, {', '.join(result.dofs)}; "
+        f"person {result.person}{result.when}: {len(result.numbers)} points, {', '.join(result.dofs)}; "
         f"{found.still:.0%} of the samples with the hand still, {found.lost:.1%} without angles or hand"
     ]
     text.append("  point  degree of freedom  kept  range rad  explained  noise of c per mm  hand mm rms")
@@ -103,9 +94,9 @@ def draw(result: Result, png: Path) -> None:
     wide = 0.8 / len(result.dofs)
     at = np.arange(len(result.numbers))
     panels: list[tuple[str, Array, float | None]] = [
-        ("range, rad", found.upper - found.lower, result.channel_map.options.thresholds.range),
-        ("variance explained", found.explained, result.channel_map.options.thresholds.explained),
-        ("samples kept", found.samples.astype(float), float(result.channel_map.options.thresholds.samples)),
+        ("range, rad", found.upper - found.lower, result.options.thresholds.range),
+        ("variance explained", found.explained, result.options.thresholds.explained),
+        ("samples kept", found.samples.astype(float), float(result.options.thresholds.samples)),
     ]
     if result.noise is not None:
         panels.append(("expected noise of c per mm of marker noise", result.noise, None))
@@ -124,8 +115,7 @@ def draw(result: Result, png: Path) -> None:
     figure.axes[1].legend(fontsize=8, loc="lower right")
     reported = crosstalk(result)
     talk = "" if reported is None else f", crosstalk up to {reported:.3f} (in sample)"
-    who = f"{result.channel_map.options.person}{' (simulated)' if result.channel_map.simulated else ''}"
-    figure.suptitle(f"IKNS calibration of {who}, {result.date.isoformat()}{talk}", fontsize=11)
+    figure.suptitle(f"IKNS calibration of {result.person}{result.when}{talk}", fontsize=11)
     save(figure, png)
 
 

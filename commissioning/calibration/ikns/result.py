@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from srl.commissioning.calibration import result
 from srl.commissioning.calibration.ikns.channel_map import ChannelMap
 from srl.commissioning.calibration.ikns.samples import Samples, joined, trials, whole
-from srl.commissioning.calibration.target import write_record
 from srl.control.ikns import record
 from srl.control.ikns.arm_angles import ArmAnglesConfig, one_arm
 from srl.control.ikns.calibration import Calibration, CalibrationError, Recording, calibrate, flipped, refusals
@@ -23,35 +23,28 @@ from srl.runtime.profile import profile, wiring
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(result.Result[Calibration]):
     """A calibration with what its report tells. N points, k DoFs, n joints.
 
     Attributes:
-        channel_map: names and options.
         recording: the samples that it was made from.
-        found: the calibration.
         numbers: by which the person knows each point.
-        date: of the recording.
         noise: (N, k), standard deviation of c per mm of marker noise; None where angles aren't from markers.
-        refusals: why it can't be used; none if it can.
         direction: the file whose direction was kept; None if there was none.
         turned: DoFs that were turned round for it.
     """
 
-    channel_map: ChannelMap
     recording: Recording
-    found: Calibration
     numbers: tuple[int, ...]
-    date: datetime.date
     noise: Array | None
-    refusals: tuple[CalibrationError, ...]
     direction: Path | None = None
     turned: tuple[str, ...] = ()
 
     @property
     def dofs(self) -> tuple[str, ...]:
         """Names of the degrees of freedom."""
-        return self.channel_map.options.dofs
+        found: tuple[str, ...] = self.options.dofs
+        return found
 
     def flipped(self, dof: str) -> Result:
         """The same with the direction of a DoF turned round. Raises RequestError: there is no such DoF."""
@@ -61,11 +54,9 @@ class Result:
 
     def record(self) -> record.Record:
         """What the file holds. Raises RecordError."""
-        options = self.channel_map.options
         return record.Record.of(
-            self.found, options.thresholds, person=options.person, date=self.date,
-            simulated=self.channel_map.simulated, rate=self.channel_map.rate,
-            frame=self.channel_map.frame, joints=self.channel_map.joints, dofs=self.dofs,
+            self.found, self.options.thresholds, person=self.person, date=self.date, simulated=self.simulated,
+            rate=self.channel_map.rate, frame=self.channel_map.frame, joints=self.channel_map.joints, dofs=self.dofs,
             bodies=self.channel_map.bodies,
         )  # fmt: skip
 
@@ -87,7 +78,8 @@ def compute(channel_map: ChannelMap, parts: Sequence[Samples], date: datetime.da
         recording, numbers = trials(samples, len(options.dofs))
     found = calibrate(recording, options.thresholds)
     reasons = refusals(found, options.thresholds, numbers)
-    return Result(channel_map, recording, found, numbers, date, _noise(channel_map, recording, found), reasons)
+    noise = _noise(channel_map, recording, found)
+    return Result(channel_map, found, date, reasons, recording, numbers, noise)
 
 
 def _noise(channel_map: ChannelMap, recording: Recording, found: Calibration) -> Array | None:
@@ -111,8 +103,3 @@ def _postures(recording: Recording, found: Calibration) -> Array:
     near = np.where(seen, np.nan_to_num(gaps, nan=np.inf).argmin(axis=1), -1)
     means = [recording.angles[near == i].mean(axis=0) if (near == i).any() else None for i in range(len(found.sites))]
     return np.array([np.full(recording.angles.shape[1], np.nan) if m is None else m for m in means])
-
-
-def write(path: Path, result: Result, replacing: bool) -> None:
-    """Writes the file, whole or not at all; each that was there is kept: FILE.old, FILE.old.2, ... Raises SrlError."""
-    write_record(path, result.record(), replacing)

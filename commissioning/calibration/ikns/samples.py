@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from srl.commissioning.calibration.ikns.marks import IDLE, POINT, VOID, mark_of, of_trial
-from srl.commissioning.calibration.marks import stretch_of
+from srl.commissioning.calibration.marks import MarkedSamples, stretch_of
 from srl.control.ikns.calibration import CalibrationError, Recording
 from srl.control.ikns.clusters import Indices
 from srl.runtime.contracts.signals import Array
@@ -19,7 +19,7 @@ _GAP: Final = 1.0  # s, between the samples of two recordings
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -33,9 +33,6 @@ class Samples:
     angles: Array
     hand: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
@@ -54,19 +51,6 @@ def joined(parts: Sequence[Samples]) -> Samples:
         np.concatenate(times) if times else np.empty(0), np.ascontiguousarray(np.concatenate([p.angles for p in some])),
         np.ascontiguousarray(np.concatenate([p.hand for p in some])), np.concatenate([p.marks for p in some]),
     )  # fmt: skip
-
-
-def stretch(samples: Samples, mark: int) -> slice:
-    """The last samples without a break that have this mark; empty if there are none."""
-    return stretch_of(samples.marks, mark)
-
-
-def ended(samples: Samples) -> Samples:
-    """The samples of a whole recording, without the trial in which the recording stops."""
-    marks = samples.marks.copy()
-    if len(marks) and of_trial(int(marks[-1])):
-        marks[stretch(samples, int(marks[-1]))] = IDLE
-    return replace(samples, marks=marks)
 
 
 def _counting(samples: Samples) -> Samples:
@@ -100,7 +84,7 @@ def trials(samples: Samples, dofs: int) -> tuple[Recording, tuple[int, ...]]:
     cuts: list[tuple[slice, int, int]] = []
     numbers: list[int] = []
     for number in points:
-        own = [stretch(samples, mark_of(number - 1, j)) for j in range(dofs)]
+        own = [stretch_of(samples.marks, mark_of(number - 1, j)) for j in range(dofs)]
         if all(s.stop > s.start for s in own):
             cuts += [(s, len(numbers), j) for j, s in enumerate(own)]
             numbers.append(number)

@@ -45,7 +45,4 @@ class IntentionMarks(MarkLaw):
 
     Config = IntentionMarksConfig
     summary = "marks in the rows what actions the person was to do (srl calibrate PROFILE intention)"
-
-    def __init__(self, name: str, config: IntentionMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(mark_of(MOST_ROUNDS, WALK))
+    most = mark_of(MOST_ROUNDS, WALK)

@@ -117,7 +117,6 @@ class Procedure(StepProcedure):
         return Walk() if self.step.kind is Kind.WALK else Rest()
 
     def go_on(self) -> str:
-        """Ends the present step as it is. Returns why that can't be; "" if it could."""
         if not self.done:
             if self.step.kind is Kind.ACTION:
                 self._note()
@@ -125,7 +124,6 @@ class Procedure(StepProcedure):
         return ""
 
     def skip(self) -> str:
-        """Nothing can be left out. Returns why."""
         return "an action can't be left out now: begin again with --actions"
 
     def redo(self, number: int) -> str:
@@ -143,7 +141,6 @@ class Procedure(StepProcedure):
         return ""
 
     def view(self) -> View:
-        """What a person is shown now."""
         turn = max(self.step.turn, 0) + 1 if not self.done else self.plan.rounds
         # What an action lacks, it may still get in its time.
         lack = self._lack if self._elapsed() >= self._span() else ""

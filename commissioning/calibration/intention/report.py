@@ -2,55 +2,35 @@
 
 from __future__ import annotations
 
-import datetime
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
-from srl.commissioning.calibration.picture import save
-from srl.commissioning.calibration.run_channels import RunChannels
-from srl.control.intention.training import Held, Recogniser, TrainingError
+from srl.commissioning.calibration.picture import plt, save
+from srl.commissioning.calibration.result import Result
+from srl.control.intention.training import Held, Recogniser
 
 
 @dataclass(frozen=True)
-class Result:
-    """A recogniser with what its report tells.
+class Trained:
+    """A recogniser, and what it is worth on what was `held` out, a round at a time."""
 
-    Attributes:
-        channel_map: whose it is.
-        made: the recogniser.
-        held: what it is worth on what was held out, a round at a time.
-        date: of the recording.
-        refusals: why it can't be used; none if it can.
-    """
-
-    channel_map: RunChannels
     made: Recogniser
     held: Held
-    date: datetime.date
-    refusals: tuple[TrainingError, ...]
 
 
-def metrics(result: Result) -> dict[str, Any]:
+def metrics(result: Result[Trained]) -> dict[str, Any]:
     """The report as JSON types; SI units."""
-    held, names = result.held, result.made.labels
+    made, held = result.found.made, result.found.held
     return {
-        "person": result.channel_map.person,
-        "date": result.date.isoformat(),
-        "simulated": result.channel_map.simulated,
         "accuracy": held.accuracy,
         "rejected": held.rejected,
         "found": float(held.found.sum() / held.trials.sum()),
         "alarms": held.alarms,
         "background_s": held.seconds,
-        "temperature": result.made.discriminant.temperature,
+        "temperature": made.discriminant.temperature,
         "actions": {
             name: {
                 "windows": int(held.confusion[k].sum()),
@@ -61,19 +41,18 @@ def metrics(result: Result) -> dict[str, Any]:
                 "wrong": int(held.wrong[k]),
                 "delay_s": None if np.isnan(held.delay[k]) else float(held.delay[k]),
             }
-            for k, name in enumerate(result.made.actions)
+            for k, name in enumerate(made.actions)
         },
-        "confusion": {"labels": [*names, "rejected"], "windows": held.confusion.tolist()},
+        "confusion": {"labels": [*made.labels, "rejected"], "windows": held.confusion.tolist()},
         "refusals": [{"place": r.place, "problem": r.problem, "remedy": r.remedy} for r in result.refusals],
     }
 
 
-def lines(result: Result) -> list[str]:
+def lines(result: Result[Trained]) -> list[str]:
     """The report as text."""
     numbers = metrics(result)
-    who = f"person {numbers['person']}{' (simulated)' if numbers['simulated'] else ''}"
     text = [
-        f"{who}, {numbers['date']}: {len(numbers['actions'])} actions; each round held out in turn: "
+        f"person {result.person}{result.when}: {len(numbers['actions'])} actions; each round held out in turn: "
         f"{numbers['accuracy']:.1%} "
         f"of the windows are what they are taken for, {numbers['rejected']:.1%} rejected; "
         f"{numbers['found']:.0%} of the actions found"
@@ -89,9 +68,10 @@ def lines(result: Result) -> list[str]:
     return text
 
 
-def draw(result: Result, png: Path) -> None:
+def draw(result: Result[Trained], png: Path) -> None:
     """Draws the confusion, and the share of each action's windows that is right. Raises RecordError."""
-    held, names = result.held, [*result.made.labels, "rejected"]
+    made, held = result.found.made, result.found.held
+    names = [*made.labels, "rejected"]
     share = held.confusion / held.confusion.sum(axis=1, keepdims=True)
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 6.5), width_ratios=(1.6, 1.0), constrained_layout=True)
     left.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
@@ -103,18 +83,16 @@ def draw(result: Result, png: Path) -> None:
         if value >= 0.005:
             left.text(j, i, f"{value:.0%}", ha="center", va="center", fontsize=7, color="w" if value > 0.5 else "k")
     left.set_title("held-out windows", fontsize=9, loc="left")
-    k = len(result.made.actions)
+    k = len(made.actions)
     at = np.arange(k)
     right.barh(at - 0.2, np.diag(share)[:k], 0.4, color="#0072B2", label="windows right")
     right.barh(at + 0.2, held.found / held.trials, 0.4, color="#E69F00", label="trials found")
     for place, delay in zip(at, held.delay, strict=True):
         right.text(0.02, place + 0.2, "never" if np.isnan(delay) else f"after {delay:.1f} s", va="center", fontsize=7)
-    right.set_yticks(at, result.made.actions, fontsize=8)
+    right.set_yticks(at, made.actions, fontsize=8)
     right.invert_yaxis()
     right.set_xlim(0.0, 1.0)
     right.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=2)
-    who = f"{result.channel_map.person}{' (simulated)' if result.channel_map.simulated else ''}"
-    figure.suptitle(
-        f"Recogniser of {who}, {result.date.isoformat()}: each round held out, {held.accuracy:.1%} right", fontsize=11
-    )
+    title = f"Recogniser of {result.person}{result.when}: each round held out, {held.accuracy:.1%} right"
+    figure.suptitle(title, fontsize=11)
     save(figure, png)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from srl.commissioning.calibration.intention.marks import IDLE, ROUND, STAND, VOID, WALK
-from srl.commissioning.calibration.marks import Indices, stretch_of
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, stretch_of
 from srl.control.intention.features import RATE
 from srl.control.intention.training import BACKGROUND, Thresholds, TrainingError, Trial
 from srl.runtime.contracts.signals import Array
@@ -19,7 +19,7 @@ _STOP: Final = 0.25  # s between two samples from which on the run was stopped b
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -31,17 +31,6 @@ class Samples:
     times: Array
     frames: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-
-def ended(samples: Samples) -> Samples:
-    """The samples of a whole recording, without the trial in which the recording stops."""
-    marks = samples.marks.copy()
-    if len(marks) and marks[-1] >= ROUND:
-        marks[stretch_of(marks, int(marks[-1]))] = IDLE
-    return replace(samples, marks=marks)
 
 
 def trials(parts: Sequence[Samples], actions: Sequence[str], thresholds: Thresholds) -> list[Trial]:

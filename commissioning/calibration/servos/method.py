@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,18 +12,19 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.commissioning.calibration import calibrated_device
 from srl.commissioning.calibration.actuator_access import Drive
+from srl.commissioning.calibration.calibrated_device import DeviceMethod
 from srl.commissioning.calibration.keyed import Keyed
-from srl.commissioning.calibration.method import Method, Say, kept, settings
+from srl.commissioning.calibration.marks import Indices, joined
+from srl.commissioning.calibration.method import Say
 from srl.commissioning.calibration.panel import PanelScreen
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.run_channels import MarkedChannels, words
+from srl.commissioning.calibration.run_channels import RunChannels, words
 from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.servos import report as servo_report
 from srl.commissioning.calibration.servos.fit import HornFit, ServoError, Thresholds, horn_fit, refusals
 from srl.commissioning.calibration.servos.procedure import Procedure
-from srl.commissioning.calibration.servos.report import Found, Result
+from srl.commissioning.calibration.servos.report import Calibrated, Found, Result
 from srl.commissioning.calibration.servos.samples import (
     FIRST,
     LEFT_OUT,
@@ -33,7 +33,6 @@ from srl.commissioning.calibration.servos.samples import (
     ServoMarksConfig,
     angles,
     held,
-    joined,
     left_out,
 )  # fmt: skip
 from srl.commissioning.calibration.simulated_access import SimulatedDrive
@@ -53,17 +52,19 @@ from srl.runtime.profile.part import parsed
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 
-MARKS: Final = "servo-marks"
 _HAND: Final = "human-hand"
 
 
 @dataclass(frozen=True)
-class ChannelMap(MarkedChannels):
-    """What is read of servos. Attributes: `options` of the marks' law; `angles` (n,), of all joints."""
+class ChannelMap(RunChannels):
+    """What is read of servos: `angles` (n,), of all joints."""
 
-    law = MARKS
-    options: ServoMarksConfig
-    angles: NDArray[np.intp]
+    law, config, unknown = "servo-marks", ServoMarksConfig, "which samples belong to which angle"
+    angles: Indices
+
+    @classmethod
+    def places(cls, layout: Layout, options: ServoMarksConfig, place: str) -> tuple[Any, ...]:
+        return (words(layout, [f"{options.signal}[{name}]" for name in options.joints], place),)
 
     @property
     def simulated(self) -> bool:
@@ -74,14 +75,15 @@ class ChannelMap(MarkedChannels):
         """Never by itself: it could move."""
         return False
 
-    def _samples(self, times: Array, floats: NDArray[np.float64], marks: NDArray[np.intp]) -> Samples:
+    def _samples(self, times: Array, floats: Array, marks: Indices) -> Samples:
         return Samples(times, floats[:, self.angles], marks)
 
 
-class ServoMethod(Method[ChannelMap, Result]):
+class ServoMethod(DeviceMethod[ChannelMap, Calibrated]):
     """See the module's docstring."""
 
-    name, law, option, record_type, error = WHAT, "", "calibration", ServoRecord, ServoError
+    name, record_type, error, channels = WHAT, ServoRecord, ServoError, ChannelMap
+    groups: ClassVar = {"plan": Plan, "thresholds": Thresholds}
     personal = False
     thing = "joints"
     counted = range(FIRST + 1, LEFT_OUT)
@@ -89,10 +91,7 @@ class ServoMethod(Method[ChannelMap, Result]):
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(request, checked, source, target, say)
-        found = _settings(request)
-        self._plan, self._thresholds = found["plan"], found["thresholds"]
-        self._device = calibrated_device.device(checked, source, WHAT, self._plan.device)
-        driver = self._driver(without_file=True)
+        driver = self._driver()
         place = source.place(f"devices.{self._device}")
         if not driver.commands or driver.commands[0].kind is not Kind.POSITION:
             raise WiringError(place, "it takes no positions, so no joint goes to an angle", "Set mode: position")
@@ -106,18 +105,13 @@ class ServoMethod(Method[ChannelMap, Result]):
         except ServoError as error:
             raise RequestError(error.place, error.problem, error.remedy) from None
 
-    @classmethod
-    def named(cls, request: CalibrationRequest, checked: Profile, source: Source) -> Path | None:
-        chosen = _settings(request)["plan"].device
-        return calibrated_device.named(checked, source, calibrated_device.device(checked, source, WHAT, chosen))
-
     # -- the cut profile
 
-    def _driver(self, without_file: bool) -> Driver:
-        """The device's driver, which isn't opened. Raises ProfileError."""
+    def _driver(self) -> Driver:
+        """The device's driver, without its file and not opened. Raises ProfileError."""
         entry, path = self.checked.devices[self._device], f"devices.{self._device}"
         cls = registry.load("drivers", entry.driver, self.source.place(f"{path}.driver"))
-        options = {key: value for key, value in entry.options.items() if not (without_file and key == self.option)}
+        options = {key: value for key, value in entry.options.items() if key != self.option}
         made: Driver = cls(self._device, Builder(self.checked, self.source, None).options(cls.Config, options, path))
         return made
 
@@ -131,7 +125,7 @@ class ServoMethod(Method[ChannelMap, Result]):
     def _measures(self) -> bool:
         return self._command.feedback is not None
 
-    def _bare(self) -> tuple[Profile, Source]:
+    def _without_file(self) -> tuple[Profile, Source]:
         """The whole profile as it is without a calibration: its bounds hold wherever the joints' zeros are.
 
         A device that doesn't measure begins with the pulses with which a run begins: with the file that is there now.
@@ -206,9 +200,9 @@ class ServoMethod(Method[ChannelMap, Result]):
     @cached_property
     def driven(self) -> ProfileSubset:
         """What `srl jog` would run of the profile, and the marks' law. Raises SrlError."""
-        made = jog_subset(*self._bare(), self._device, self._plan.speed, self.request.sim, self.request.panel)
+        made = jog_subset(*self._without_file(), self._device, self._plan.speed, self.request.sim, self.request.panel)
         plain, _ = profile.tree(made.source.label, made.source.text, made.source.overrides, made.source.files)
-        plain["controllers"].append(self._marks())
+        plain["controllers"].append(self._marked())
         for part in ((plain.get("sim") or {}).get("parts") or {}).values():
             if part.get("part") == _HAND:  # it would play its own plan, and push the limb
                 part["wearer"] = {"instructed": True}
@@ -220,19 +214,18 @@ class ServoMethod(Method[ChannelMap, Result]):
     def subset(self, person: str) -> tuple[Profile, Source]:
         return self.driven.profile, self.driven.source
 
-    def _marks(self) -> dict[str, Any]:
+    def _marked(self) -> dict[str, Any]:
         """The entry of the marks' law."""
         joints, command = self._joints, self._command
         feedback = f"{self._device}.{command.feedback}"
         homes = None if self._measures else [float(joint.home or 0.0) for joint in joints.values()]
-        return {
-            "use": MARKS, "name": MARKS, "device": self._device, "driver": self._driver_name,
-            "signal": feedback if self._measures else f"{self._device}.{command.name}.sent",
-            "joints": {name: dict(joint.entry) for name, joint in joints.items()},
-            "mirror": [joint.mirror for joint in joints.values()], "home": homes,
-            "lower": self._reach[0], "upper": self._reach[1], "measures": self._measures,
-            "plan": self._plan.model_dump(), "thresholds": self._thresholds.model_dump(),
-        }  # fmt: skip
+        return self._entry(
+            device=self._device, driver=self._driver_name,
+            signal=feedback if self._measures else f"{self._device}.{command.name}.sent",
+            joints={name: dict(joint.entry) for name, joint in joints.items()},
+            mirror=[joint.mirror for joint in joints.values()], home=homes,
+            lower=self._reach[0], upper=self._reach[1], measures=self._measures,
+        )  # fmt: skip
 
     # -- the session
 
@@ -244,36 +237,27 @@ class ServoMethod(Method[ChannelMap, Result]):
             screen = Keyed(f"srl calibrate {self.request.profile} {WHAT}: {self._device}")
         return Drive(self.driven, self.channel_map, name, record, self.request.view, screen, self.say)
 
-    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        mark, options = ChannelMap.marked(layout, place, ServoMarksConfig, "which angle", self.name)
-        where = words(layout, [f"{options.signal}[{name}]" for name in options.joints], place)
-        return ChannelMap(layout, mark, options, where)
-
-    def ready(self, channel_map: ChannelMap) -> None:
-        if (channel_map.options.device, channel_map.options.driver) != (self._device, self._driver_name):
-            problem = f"it is of the device '{channel_map.options.device}' ({channel_map.options.driver})"
-            raise RequestError("--recording", problem, f"Name a recording of '{self._device}' ({self._driver_name})")
+    def _check(self, channel_map: ChannelMap, place: str) -> None:
+        theirs = channel_map.options
+        if (theirs.device, theirs.driver) != (self._device, self._driver_name):
+            problem = f"it is of the device '{theirs.device}' ({theirs.driver})"
+            raise RequestError(place, problem, f"Name a recording of '{self._device}' ({self._driver_name})")
         ours = {name: dict(joint.entry) for name, joint in self._joints.items()}
-        if channel_map.options.joints != ours:
-            name = next(
-                n for n in channel_map.options.joints.keys() | ours if channel_map.options.joints.get(n) != ours.get(n)
-            )
+        if theirs.joints != ours:
+            name = next(n for n in theirs.joints.keys() | ours if theirs.joints.get(n) != ours.get(n))
             problem = f"its joint '{name}' isn't as in the profile: other options, or none of this name"
-            raise RequestError("--recording", problem, "Set the profile as it was, or calibrate from the beginning")
+            raise RequestError(place, problem, "Set the profile as it was, or calibrate from the beginning")
 
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return all(getattr(one.options, key) == getattr(other.options, key) for key in ("device", "driver", "joints"))
 
     def take(self, older: ChannelMap) -> ChannelMap:
-        self.ready(older)  # its samples are joined with ours
-        self._plan = kept(older.options.plan, self._plan)
-        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        taken = super().take(older)
         homes = None if self._measures else [float(joint.home or 0.0) for joint in self._joints.values()]
-        update = {"plan": self._plan, "thresholds": self._thresholds, "home": homes}
-        return replace(older, options=older.options.model_copy(update=update))
+        return replace(taken, options=taken.options.model_copy(update={"home": homes}))
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
-        options = ServoMarksConfig.model_validate({k: v for k, v in self._marks().items() if k not in ("use", "name")})
+        options = ServoMarksConfig.model_validate({k: v for k, v in self._marked().items() if k not in ("use", "name")})
         if not before:
             return Procedure(options, None)
         samples, done = joined(before), dict[int, tuple[float, float] | None]()
@@ -289,8 +273,8 @@ class ServoMethod(Method[ChannelMap, Result]):
         one, two = (held(samples, i, second, self._plan, self._thresholds) for second in (False, True))
         return None if one is None or two is None else (one, two)
 
-    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
-        options, samples, limits = channel_map.options, joined(parts), self._thresholds
+    def _fit(self, channel_map: ChannelMap, samples: Samples) -> tuple[Calibrated, tuple[ServoError, ...]]:
+        options, limits = channel_map.options, self._thresholds
         names = tuple(options.joints)
         first = dict.fromkeys(names, 0.0) | angles(self._plan.first, names, "first")
         second = angles(self._plan.second, names, "second")
@@ -316,27 +300,19 @@ class ServoMethod(Method[ChannelMap, Result]):
             )
         if not found:
             raise ServoError("joints", "all are left out", "Calibrate one at least")
-        plan = options.model_copy(update={"plan": self._plan, "thresholds": limits})
-        return Result(plan, channel_map.simulated, tuple(found), tuple(left), date, tuple(refused))
+        return Calibrated(tuple(found), tuple(left)), tuple(refused)
 
-    def record(self, result: Result) -> ServoRecord:
-        options = result.options
+    def _content(self, result: Result[Calibrated]) -> dict[str, Any]:
+        options, found = result.options, result.found
         lines = {
             f.name: {
                 "trim": round(f.horn_fit.trim, 6), "direction": f.horn_fit.direction,
                 "scale": round(f.horn_fit.scale, 6),
                 "known": f.horn_fit.known, "entry": options.joints[f.name],
             }
-            for f in result.joints
+            for f in found.joints
         }  # fmt: skip
-        return ServoRecord.model_validate(
-            {
-                "format": FORMAT, "by": options.plan.by, "date": result.date, "simulated": result.simulated,
-                "device": options.device, "driver": options.driver, "joints": lines, "left": list(result.left),
-                "uncertain": round(max(f.spread for f in result.joints), 6),
-            }
-        )  # fmt: skip
-
-
-def _settings(request: CalibrationRequest) -> dict[str, Any]:
-    return settings(request, {"plan": Plan, "thresholds": Thresholds})
+        return {
+            "format": FORMAT, "by": options.plan.by, "device": options.device, "driver": options.driver,
+            "joints": lines, "left": list(found.left), "uncertain": round(max(f.spread for f in found.joints), 6),
+        }  # fmt: skip

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from srl.commissioning.calibration.guided import Bar, StepProcedure, View
+from srl.commissioning.calibration.marks import IDLE
 from srl.commissioning.calibration.servos import samples as marks
 from srl.commissioning.calibration.servos.fit import HornFit, ServoError, horn_fit, refusals
 from srl.commissioning.calibration.servos.samples import Samples, ServoMarksConfig, angles
@@ -48,7 +49,7 @@ class Step:
         """The mark of its samples."""
         if self.kind is Kind.HOLD:
             return (marks.SECOND if self.second else marks.FIRST) + self.joint
-        return marks.LEFT_OUT + self.joint if self.kind is Kind.LEAVE else marks.IDLE
+        return marks.LEFT_OUT + self.joint if self.kind is Kind.LEAVE else IDLE
 
     @property
     def moves(self) -> int | None:
@@ -172,7 +173,6 @@ class Procedure(StepProcedure):
         )  # fmt: skip
 
     def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
         step = self.step
         if step.kind is Kind.HOME:
             return Drive(step.joint - 1, None, self.aim)
@@ -196,7 +196,6 @@ class Procedure(StepProcedure):
         return ""
 
     def skip(self) -> str:
-        """Leaves the present joint out. Returns why that can't be; "" if it could."""
         step = self.step
         if step.kind is Kind.HOME:
             return "bring it home first: the next run begins there"
@@ -212,7 +211,6 @@ class Procedure(StepProcedure):
         return ""
 
     def redo(self, number: int) -> str:
-        """Does a joint again, next. Returns why that can't be; "" if it could."""
         if not 1 <= number <= len(self._names):
             return f"the joints are 1 to {len(self._names)}"
         if number in self._open:
@@ -227,7 +225,6 @@ class Procedure(StepProcedure):
         return ""
 
     def view(self) -> View:
-        """What a person is shown now."""
         step, lack = self.step, ""
         lost = not self.done and not bool(np.isfinite(self._at[step.joint - 1]))
         missing = "where the joint is isn't known" if lost and len(self._times) else ""

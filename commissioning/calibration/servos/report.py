@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import datetime
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
-from srl.commissioning.calibration.picture import save
-from srl.commissioning.calibration.servos.fit import HornFit, ServoError
-from srl.commissioning.calibration.servos.samples import ServoMarksConfig
+from srl.commissioning.calibration.picture import plt, save
+from srl.commissioning.calibration.result import Result
+from srl.commissioning.calibration.servos.fit import HornFit
 
 
 @dataclass(frozen=True)
@@ -51,31 +45,18 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Result:
-    """What was found, and why it can't be used, if it can't.
+class Calibrated:
+    """The `joints` that were calibrated, and the names of those that were `left` out."""
 
-    Attributes:
-        options: with which it was measured.
-        simulated: whether the servos were.
-        joints: those that were calibrated.
-        left: those that weren't.
-        date: of the measurement.
-        refusals: why it can't be used.
-    """
-
-    options: ServoMarksConfig
-    simulated: bool
     joints: tuple[Found, ...]
     left: tuple[str, ...]
-    date: datetime.date
-    refusals: tuple[ServoError, ...]
 
 
-def lines(result: Result) -> list[str]:
+def lines(result: Result[Calibrated]) -> list[str]:
     """The report as text."""
-    head = f"{result.options.device}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}"
+    head = f"{result.options.device}{result.when}"
     found = [head + (f", by {result.options.plan.by}" if result.options.plan.by else "")]
-    for joint in result.joints:
+    for joint in result.found.joints:
         horn_fit = joint.horn_fit
         way = "as the profile says" if horn_fit.direction > 0 else "the other way than the profile says"
         scale = f"scale {horn_fit.scale:.4f}" if horn_fit.known else "scale not measured"
@@ -83,16 +64,16 @@ def lines(result: Result) -> list[str]:
         if joint.ends is not None:
             text += f"; reaches {joint.ends[0]:.2f} to {joint.ends[1]:.2f} rad"
         found.append(text)
-    if result.left:
-        found.append(f"as the profile says: {', '.join(result.left)}")
+    if result.found.left:
+        found.append(f"as the profile says: {', '.join(result.found.left)}")
     return found
 
 
-def metrics(result: Result) -> dict[str, Any]:
+def metrics(result: Result[Calibrated]) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     return {
         "device": result.options.device, "driver": result.options.driver, "by": result.options.plan.by,
-        "date": result.date.isoformat(), "simulated": result.simulated, "left": list(result.left),
+        "left": list(result.found.left),
         "joints": {
             f.name: {
                 "trim": f.horn_fit.trim, "direction": f.horn_fit.direction, "scale": f.horn_fit.scale,
@@ -100,21 +81,21 @@ def metrics(result: Result) -> dict[str, Any]:
                 "places": list(f.n), "angles": list(f.known), "spread": f.spread,
                 "reach": None if f.ends is None else list(f.ends),
             }
-            for f in result.joints
+            for f in result.found.joints
         },
-        "refusals": [{"place": r.place, "problem": r.problem} for r in result.refusals],
     }  # fmt: skip
 
 
-def draw(result: Result, png: Path) -> None:
+def draw(result: Result[Calibrated], png: Path) -> None:
     """Draws each joint's angle over the profile's own angle: as the profile says, and as found. Raises RecordError."""
-    n = len(result.joints)
+    joints = result.found.joints
+    n = len(joints)
     columns = min(n, 4)
     rows = -(-n // columns)
     figure, axes = plt.subplots(
         rows, columns, figsize=(4.2 * columns, 3.8 * rows), constrained_layout=True, squeeze=False
     )
-    for view, joint in zip(axes.flat, result.joints, strict=False):
+    for view, joint in zip(axes.flat, joints, strict=False):
         ends = joint.reach if joint.ends is not None else (min(joint.n) - 0.5, max(joint.n) + 0.5)
         span = np.array(ends)
         view.plot(span, span, color="0.7", label="as the profile says")

@@ -13,14 +13,14 @@ from typing import Final
 import numpy as np
 from pydantic import Field, model_validator
 
-from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration import marks
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, MarkLaw
 from srl.commissioning.calibration.servos.fit import ServoError, Thresholds
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.servo_record import Entry
 from srl.runtime.contracts.signals import Array
 
-IDLE: Final = 0
 FIRST: Final = 100
 SECOND: Final = 200
 LEFT_OUT: Final = 300
@@ -28,7 +28,7 @@ MOST: Final = 99  # joints
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -40,15 +40,6 @@ class Samples:
     times: Array
     angles: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-
-def joined(parts: Sequence[Samples]) -> Samples:
-    """One after another."""
-    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "angles", "marks"))
-    return Samples(*found)
 
 
 class Plan(Options):
@@ -89,8 +80,8 @@ def held(samples: Samples, joint: int, second: bool, plan: Plan, thresholds: Thr
 
     `joint` counts from 0. Raises ServoError: it moved meanwhile, or samples are missing.
     """
-    at = stretch_of(samples.marks, (SECOND if second else FIRST) + joint + 1)
-    if at.stop == at.start or samples.times[at][-1] - samples.times[at][0] < 0.9 * plan.hold:
+    at = marks.held(samples, (SECOND if second else FIRST) + joint + 1, plan.hold)
+    if at is None:
         return None
     angle = samples.angles[at, joint]
     moved = float(np.ptp(angle)) if np.isfinite(angle).all() else np.inf
@@ -134,7 +125,4 @@ class ServoMarks(MarkLaw):
 
     Config = ServoMarksConfig
     summary = "marks in the rows when servos are calibrated (srl calibrate PROFILE servos)"
-
-    def __init__(self, name: str, config: ServoMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(LEFT_OUT + MOST)
+    most = LEFT_OUT + MOST

@@ -28,7 +28,7 @@ class Procedure(HeldStill):
         self._segments, self._parents = tuple(segments), tuple(parents)
         self._first: Array | None = None  # (n, 4) of the first stand
         self._stood = False  # a stand was taken: the person walks before each further one
-        super().__init__(range(1, plan.stands + 1), False, plan.settle, plan.hold)
+        super().__init__(range(1, plan.stands + 1), False, plan.settle, plan.hold, thresholds.still)
 
     def _next(self) -> None:
         if self._open and self._stood:
@@ -44,11 +44,9 @@ class Procedure(HeldStill):
         """s for which the person must be still; longer at first, as there is something to read."""
         return self.plan.read if self._first is None and self.step.kind is not Kind.HOLD else self.plan.settle
 
-    def _still(self) -> bool:
-        return self._moved() <= self._thresholds.still
-
-    def _ready(self) -> bool:
-        return not self._fault()
+    def _motion(self) -> float:
+        """rad, by which a segment has turned."""
+        return moved(self._recent(1))
 
     def _pause(self) -> None:
         if self._times[-1] - self._since >= self.plan.walk:
@@ -64,13 +62,11 @@ class Procedure(HeldStill):
         return True
 
     def instruction(self) -> Instruction:
-        """The instruction to a simulated person at the present step."""
         if self.step.kind is Kind.PAUSE:
             return Walk()
         return Return() if self.step.kind is Kind.GO else Rest()
 
     def go_on(self) -> str:
-        """Ends the walk early. Returns why that can't be; "" if it could."""
         if self.step.kind is Kind.PAUSE:
             self._go(self.step.number)
             return ""
@@ -118,7 +114,3 @@ class Procedure(HeldStill):
             hips = np.degrees(float(heading(self._columns[1][-1, 0])))
             bars.append(Bar("hips", None, f"heading {hips:6.1f} degrees"))
         return bars
-
-    def _moved(self) -> float:
-        """rad, by which a segment has turned lately; infinite while that isn't known."""
-        return float("inf") if self._elapsed() < self._wait else moved(self._recent(1))

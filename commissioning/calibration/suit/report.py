@@ -2,49 +2,22 @@
 
 from __future__ import annotations
 
-import datetime
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
-from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.picture import plt, save
+from srl.commissioning.calibration.result import Result
 from srl.commissioning.calibration.suit.fit import PER_MINUTE, Suit
-from srl.commissioning.calibration.suit.samples import SuitMarksConfig
-from srl.commissioning.calibration.suit.segments import SuitError
 
 
-@dataclass(frozen=True)
-class Result:
-    """What was found, and why it can't be used, if it can't.
-
-    Attributes:
-        options: with which it was measured.
-        simulated: whether the suit was.
-        found: what was found.
-        date: of the measurement.
-        refusals: why it can't be used.
-    """
-
-    options: SuitMarksConfig
-    simulated: bool
-    found: Suit
-    date: datetime.date
-    refusals: tuple[SuitError, ...]
-
-
-def lines(result: Result) -> list[str]:
+def lines(result: Result[Suit]) -> list[str]:
     """The report as text."""
     found, options = result.found, result.options
     times = found.stands.times
     text = [
-        f"{options.person}, {options.signal}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}, "
+        f"{options.person}, {options.signal}{result.when}, "
         f"{len(times)} stands in {(times[-1] - times[0]) / 60.0:.1f} min",
         f"heading at the end: {np.degrees(found.heading):.1f} degrees to the left (standard deviation "
         f"{np.degrees(found.scatter):.1f}), plus the error of how the person stood",
@@ -64,12 +37,11 @@ def lines(result: Result) -> list[str]:
     return text
 
 
-def metrics(result: Result) -> dict[str, Any]:
+def metrics(result: Result[Suit]) -> dict[str, Any]:
     """The report as JSON types; SI units."""
     found, options = result.found, result.options
     return {
-        "person": options.person, "signal": options.signal, "date": result.date.isoformat(),
-        "simulated": result.simulated, "pose": options.plan.pose, "heading": found.heading, "uncertain": found.scatter,
+        "signal": options.signal, "pose": options.plan.pose, "heading": found.heading, "uncertain": found.scatter,
         "seconds": float(found.stands.times[-1] - found.stands.times[0]), "whole": found.whole,
         "segments": {
             name: {
@@ -78,11 +50,10 @@ def metrics(result: Result) -> dict[str, Any]:
             }
             for i, name in enumerate(found.segments)
         },
-        "refusals": [{"place": r.place, "problem": r.problem} for r in result.refusals],
     }  # fmt: skip
 
 
-def draw(result: Result, png: Path) -> None:
+def draw(result: Result[Suit], png: Path) -> None:
     """Draws each segment's heading in the stands, and its drift. Raises RecordError."""
     found, limits = result.found, result.options.thresholds
     n = len(found.segments)

@@ -12,7 +12,7 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import Field
 
-from srl.commissioning.calibration.marks import Indices, MarkLaw, stretch_of
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, MarkLaw, held
 from srl.commissioning.calibration.suit.fit import Stands, Thresholds
 from srl.commissioning.calibration.suit.segments import SuitError, in_world, mean
 from srl.runtime.contracts.controller import ControllerConfig
@@ -24,7 +24,7 @@ _BLOCKS: Final = 5
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -36,15 +36,6 @@ class Samples:
     times: Array
     rotation: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-
-def joined(parts: Sequence[Samples]) -> Samples:
-    """One after another."""
-    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "rotation", "marks"))
-    return Samples(*found)
 
 
 class Plan(Options):
@@ -80,9 +71,8 @@ def stands(samples: Samples, parents: Sequence[int], plan: Plan, thresholds: Thr
     """
     times, turned = [], []
     for number in range(1, plan.stands + 1):
-        at = stretch_of(samples.marks, number)
-        place = f"stand {number}"
-        if at.stop - at.start < 2 or samples.times[at.stop - 1] - samples.times[at.start] < 0.9 * plan.hold:
+        at, place = held(samples, number, plan.hold), f"stand {number}"
+        if at is None:
             raise SuitError(place, "it wasn't held to its end", "Begin anew: a drift needs one session without a break")
         part = in_world(samples.rotation[at], parents)
         if (by := moved(part)) > thresholds.still:
@@ -119,7 +109,4 @@ class SuitMarks(MarkLaw):
 
     Config = SuitMarksConfig
     summary = "marks in the rows when a capture suit is calibrated (srl calibrate PROFILE suit)"
-
-    def __init__(self, name: str, config: SuitMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(MOST)
+    most = MOST

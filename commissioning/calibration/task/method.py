@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
 
-from srl.commissioning.calibration.marks import stretch_of
-from srl.commissioning.calibration.method import Method, Say, kept, settings
-from srl.commissioning.calibration.picture import save
+from srl.commissioning.calibration.marks import Indices, stretch_of
+from srl.commissioning.calibration.method import Method
+from srl.commissioning.calibration.picture import plt, save
 from srl.commissioning.calibration.profile_subset import elements, subset_for
-from srl.commissioning.calibration.request import CalibrationRequest
+from srl.commissioning.calibration.result import Result
 from srl.commissioning.calibration.suit.channel_map import SuitChannelMap
 from srl.commissioning.calibration.task.procedure import Plan, Procedure
 from srl.commissioning.calibration.task.samples import SHOWN, Samples, TaskMarksConfig
@@ -30,110 +23,89 @@ from srl.control.operation.reach import MOST, Reach
 from srl.control.operation.record import FORMAT, TaskRecord
 from srl.control.operation.worn import Worn
 from srl.runtime.contracts.signals import Array
-from srl.runtime.ipc.layout import Layout
-from srl.runtime.models.models import context
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.profile import ControllerEntry, Profile
 from srl.runtime.profile.source import Source
 
 LAW: Final = "independent-operation"
-MARKS: Final = "task-marks"
 
 
 @dataclass(frozen=True)
-class ChannelMap(SuitChannelMap[TaskMarksConfig]):
+class ChannelMap(SuitChannelMap):
     """What is read of a suit whose wearer shows a path."""
 
-    def samples(self, rows: NDArray[np.int64]) -> Samples:
-        rows = rows[self.active(rows)]
-        floats = self.floats(rows)
+    law, config, unknown = "task-marks", TaskMarksConfig, "when the task was shown"
+
+    def _samples(self, times: Array, floats: Array, marks: Indices) -> Samples:
         rotation, translation = self.poses(floats)
-        hand = np.full((len(rows), 3), np.nan)
+        hand = np.full((len(floats), 3), np.nan)
         arm = worn(self.options)
         good = np.isfinite(rotation).all(axis=(1, 2)) & np.isfinite(translation).all(axis=(1, 2))
         for i in np.flatnonzero(good):
             arm.see(rotation[i], translation[i], 0.0)
             hand[i] = arm.place(self.options.hand)
-        return Samples(self.times(rows), hand, self.marks(floats))
+        return Samples(times, hand, marks)
 
 
 @dataclass(frozen=True)
-class Result:
-    """A path with what its report tells. `refusals`: none; a path that can't be used isn't computed."""
+class Shown:
+    """A path, and the hand's samples (k, 3) m that it is from."""
 
-    channel_map: ChannelMap
     path: TaskPath
-    shown: Array  # (k, 3) m, the hand's samples
-    date: datetime.date
-    refusals: tuple[TaskError, ...] = ()
+    hand: Array
 
 
-class TaskMethod(Method[ChannelMap, Result]):
+class TaskMethod(Method[ChannelMap, Shown]):
     """See the module's docstring."""
 
-    law, option, record_type, error = LAW, "task", TaskRecord, TaskError
+    law, option, record_type, error, channels = LAW, "task", TaskRecord, TaskError, ChannelMap
+    groups: ClassVar = {"plan": Plan, "thresholds": Thresholds}
     thing = "tasks"
     counted = range(SHOWN, SHOWN + 1)
 
-    def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
-        super().__init__(request, checked, source, target, say)
-        found = settings(request, {"plan": Plan, "thresholds": Thresholds})
-        self._plan, self._thresholds = found["plan"], found["thresholds"]
-
     def subset(self, person: str) -> tuple[Profile, Source]:
         reads = ("rotation", "translation")
-        marks = partial(_marks, person, self._thresholds)
+        marks = partial(self._marks, person)
         return subset_for(self.checked, self.source, LAW, reads, marks, self.request.sim, reads)
 
-    def channel_map(self, layout: Layout, place: str) -> ChannelMap:
-        return ChannelMap.find(
-            layout, place, MARKS,
-            lambda entry, checked: TaskMarksConfig.model_validate(entry, context=context(checked.models)),
-            "when the task was shown", LAW,
-        )  # fmt: skip
+    def _marks(self, person: str, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:
+        """The entry of the marks' law: the law's own options, and where each joint's rotation and translation are."""
+        own = {key: value for key, value in entry.options.items() if key not in ("task", "frame", "intention")}
+        poses = {port: elements(graph, LAW, entry, port) for port in ("rotation", "translation")}
+        return self._entry(**own | poses | {"person": person, "teach": True, "button": True})
 
     def same(self, one: ChannelMap, other: ChannelMap) -> bool:
         return one.options.hand == other.options.hand
 
-    def take(self, older: ChannelMap) -> ChannelMap:
-        self._thresholds = kept(older.options.thresholds, self._thresholds)
-        return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
-
     def procedure(self, before: Sequence[Any]) -> Procedure:
         return Procedure(self._plan, bool(before))
 
-    def compute(self, channel_map: ChannelMap, parts: Sequence[Any], date: datetime.date) -> Result:
-        """The last time that it was shown counts."""
-        joined = Samples(*(np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "hand", "marks")))
-        at = stretch_of(joined.marks, SHOWN)
-        shown = joined.hand[at]
-        path = path_of(joined.times[at], shown, channel_map.options.thresholds)
-        arm, ranges = worn(channel_map.options), channel_map.options.ranges
-        moved = TaskPath(path.points + np.array(channel_map.options.shift))
-        Reach(moved, arm, ranges, ranges.posture).step(MOST * len(moved.points))
-        return Result(channel_map, path, shown, date)
+    def _fit(self, channel_map: ChannelMap, samples: Samples) -> tuple[Shown, tuple[TaskError, ...]]:
+        """The last time that it was shown counts. A path that can't be used isn't computed, so nothing is refused."""
+        options, at = channel_map.options, stretch_of(samples.marks, SHOWN)
+        path = path_of(samples.times[at], samples.hand[at], options.thresholds)
+        moved = TaskPath(path.points + np.array(options.shift))
+        Reach(moved, worn(options), options.ranges, options.ranges.posture).step(MOST * len(moved.points))
+        return Shown(path, samples.hand[at]), ()
 
-    def lines(self, result: Result) -> list[str]:
-        who = f"person {result.channel_map.person}{' (simulated)' if result.channel_map.simulated else ''}"
-        path = result.path
+    def lines(self, result: Result[Shown]) -> list[str]:
+        path = result.found.path
         return [
-            f"{who}, {result.date.isoformat()}: the {result.channel_map.options.hand} showed "
-            f"a path of {path.length:.2f} m in "
+            f"person {result.person}{result.when}: the {result.options.hand} showed a path of {path.length:.2f} m in "
             f"{path.duration:.1f} s, at most {path.fastest:.2f} m/s; the arm reaches all of it"
         ]
 
-    def metrics(self, result: Result) -> dict[str, Any]:
-        path = result.path
+    def _figures(self, result: Result[Shown]) -> dict[str, Any]:
+        path = result.found.path
         return {
-            "person": result.channel_map.person, "date": result.date.isoformat(),
-            "simulated": result.channel_map.simulated,
-            "hand": result.channel_map.options.hand, "duration_s": path.duration, "length_m": path.length,
-            "fastest_m_s": path.fastest, "points": len(path.points), "refusals": [],
+            "hand": result.options.hand, "duration_s": path.duration, "length_m": path.length,
+            "fastest_m_s": path.fastest, "points": len(path.points),
         }  # fmt: skip
 
-    def draw(self, result: Result, png: Path) -> None:
+    def draw(self, result: Result[Shown], png: Path) -> None:
         figure, axes = plt.subplots(1, 2, figsize=(11, 5), constrained_layout=True)
-        points, seen = result.path.points, result.shown[np.isfinite(result.shown).all(axis=1)]
+        points, hand = result.found.path.points, result.found.hand
+        seen = hand[np.isfinite(hand).all(axis=1)]
         for view, (i, j), names in ((axes[0], (0, 1), "xy"), (axes[1], (2, 1), "zy")):
             view.plot(seen[:, i], seen[:, j], ".", color="0.75", markersize=3, label="the hand's samples")
             view.plot(points[:, i], points[:, j], color="#0072B2", label="the task")
@@ -142,33 +114,18 @@ class TaskMethod(Method[ChannelMap, Result]):
             view.set_ylabel(f"{names[1]}, m")
             view.set_aspect("equal", "datalim")
         axes[0].legend(fontsize=8)
-        frame = result.channel_map.options.arms.arms.parent
+        frame = result.options.arms.arms.parent
         figure.suptitle(f"{self.lines(result)[0].partition(':')[0]}, frame {frame}", fontsize=11)
         save(figure, png)
 
-    def record(self, result: Result) -> TaskRecord:
-        options = result.channel_map.options
-        return TaskRecord.model_validate(
-            {
-                "format": FORMAT, "person": options.person, "date": result.date,
-                "simulated": result.channel_map.simulated,
-                "frame": options.arms.arms.parent, "hand": options.hand, "thresholds": options.thresholds,
-                "points": result.path.points.round(5).tolist(),
-            }
-        )  # fmt: skip
+    def _content(self, result: Result[Shown]) -> dict[str, Any]:
+        options = result.options
+        return {
+            "format": FORMAT, "frame": options.arms.arms.parent, "hand": options.hand,
+            "thresholds": options.thresholds, "points": result.found.path.points.round(5).tolist(),
+        }  # fmt: skip
 
 
 def worn(options: TaskMarksConfig) -> Worn:
     """The arm on the body that the options describe."""
     return Worn(options.figure, options.arm, options.envelope)
-
-
-def _marks(person: str, thresholds: Thresholds, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:
-    """The entry of the marks' law: the law's own options, and where each joint's rotation and translation are."""
-    own = {key: value for key, value in entry.options.items() if key not in ("task", "frame", "intention")}
-    return {
-        **own, "use": MARKS, "name": MARKS, "person": person, "teach": True, "button": True,
-        "rotation": elements(graph, LAW, entry, "rotation"),
-        "translation": elements(graph, LAW, entry, "translation"),
-        "thresholds": thresholds.model_dump(),
-    }  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from srl.commissioning.calibration.guided import Bar, StepProcedure, View
+from srl.commissioning.calibration.marks import IDLE
 from srl.commissioning.calibration.task import samples as marks
 from srl.commissioning.calibration.task.samples import Samples
 from srl.control.operation.demonstration import LONGEST
@@ -46,7 +47,7 @@ class Step:
     @property
     def mark(self) -> int:
         """The mark of its samples."""
-        return {Kind.STAND: marks.STILL, Kind.SHOW: marks.SHOWN, Kind.DONE: marks.IDLE}[self.kind]
+        return {Kind.STAND: marks.STILL, Kind.SHOW: marks.SHOWN, Kind.DONE: IDLE}[self.kind]
 
 
 class Procedure(StepProcedure):
@@ -77,24 +78,20 @@ class Procedure(StepProcedure):
         return Perform("carry") if self.step.kind is Kind.SHOW else Rest()
 
     def go_on(self) -> str:
-        """Ends the present step as it is. Returns "": that can always be."""
         if not self.done:
             self._begin(Step(Kind.SHOW if self.step.kind is Kind.STAND else Kind.DONE))
         return ""
 
     def skip(self) -> str:
-        """Nothing can be left out. Returns why."""
         return "there is only one task"
 
     def redo(self, number: int) -> str:
-        """Shows the task again. Returns why that can't be; "" if it could."""
         if number != 1:
             return "there is one task, number 1"
         self._begin(Step(Kind.STAND))
         return ""
 
     def view(self) -> View:
-        """What a person is shown now."""
         lost = 1.0 - float(np.isfinite(self._hand).all(axis=1).mean()) if len(self._hand) else 0.0
         words = {
             Kind.STAND: "Stand still, the hand where the task begins or hanging",

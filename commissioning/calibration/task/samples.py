@@ -10,18 +10,17 @@ from typing import Final
 
 from pydantic import Field
 
-from srl.commissioning.calibration.marks import Indices, MarkLaw
+from srl.commissioning.calibration.marks import Indices, MarkedSamples, MarkLaw
 from srl.control.operation.options import IndependentOperationConfig
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.record_file import Name
 
-IDLE: Final = 0
 STILL: Final = 1
 SHOWN: Final = 2
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(MarkedSamples):
     """Samples in the order of time.
 
     Attributes:
@@ -33,9 +32,6 @@ class Samples:
     times: Array
     hand: Array
     marks: Indices
-
-    def __len__(self) -> int:
-        return len(self.times)
 
 
 class TaskMarksConfig(IndependentOperationConfig):
@@ -51,7 +47,4 @@ class TaskMarks(MarkLaw):
 
     Config = TaskMarksConfig
     summary = "marks in the rows when the hand shows a task (srl calibrate PROFILE independent-operation)"
-
-    def __init__(self, name: str, config: TaskMarksConfig) -> None:
-        super().__init__(name, config)
-        self.marks(SHOWN)
+    most = SHOWN

@@ -39,7 +39,7 @@ class BodyConfig(PartConfig):
     subject: int = Field(default=0, ge=0, description="who does the actions: people differ; 0 is the average man")
     pause: float = Field(default=2.5, ge=0, le=60, description="s at ease before each of the ten actions")
     recording: ProfilePath | None = Field(
-        default=None, description="BVH file of the suit's software; its last pose is held"
+        default=None, description="BVH or MVNX file of the suit's software; its last pose is held"
     )
     loop: bool = Field(default=False, description="play the recording back and forth")
     scale: float = Field(default=1.0, gt=0.3, lt=3, description="of the default body, or of the recording's")

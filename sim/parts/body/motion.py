@@ -13,14 +13,13 @@ from typing import Final, Literal, Protocol
 import numpy as np
 
 from srl.drivers.noitom.skeleton import JOINTS, Skeleton
+from srl.drivers.replay import suit_motion
 from srl.runtime.contracts.rotation import EulerQuaternions
 from srl.runtime.contracts.signals import Array
-from srl.runtime.models.skeleton import bvh
 from srl.sim.wearer.actions import at_ease
 from srl.sim.wearer.gait import add_gait, walked
 from srl.sim.wearer.motion import minimum_jerk
 from srl.sim.wearer.showing import LOWERED, showing
-from srl.sim.wearer.suit_bvh import CM, rotations, rows
 
 Script = Literal["t-pose", "still", "walk", "reach", "show"]
 _START: Final = 2.0  # s, from standing to walking
@@ -38,10 +37,10 @@ class Motion(Protocol):
 
 
 class Recorded:
-    """A BVH file of the suit's software; each frame is played at its time, and the last pose is held.
+    """A file of the suit's software, BVH or MVNX; each frame is played at its time, and the last pose is held.
 
-    With `loop` it goes back again. Bones keep the file's OFFSET. The software stretches bones to keep the feet on the
-    floor; these changes of length are ignored.
+    With `loop` it goes back again. Bones keep the file's lengths at rest. The software stretches bones to keep the feet
+    on the floor; these changes of length are ignored.
     """
 
     def __init__(self, path: Path, skeleton: Skeleton, scale: float, loop: bool) -> None:
@@ -49,21 +48,19 @@ class Recorded:
         Raises:
             RecordingError: it can't be read, or is of another skeleton.
         """
-        file = bvh.read(path)
-        joints = rows(path, file, skeleton.names)
-        self.offsets = np.array([file.joints[row].offset for row in joints]) * CM * scale
-        self._hips = file.translation(joints[0]) * CM * scale
-        self._rotations = rotations(path, file, joints)
-        self._period, self._loop = file.frame_time, loop
-        self.duration = (len(file.frames) - 1) * file.frame_time
+        motion = suit_motion.read(path, skeleton)
+        self.offsets = motion.offsets * scale
+        self._hips = motion.translation[:, 0] * scale
+        self._rotations, self._times, self._loop = motion.rotation, motion.times, loop
+        self.duration = float(motion.times[-1])
 
     def at(self, t: float) -> tuple[Array, Array]:
         if self._loop:
             t %= 2.0 * self.duration
             t = min(t, 2.0 * self.duration - t)
-        s = min(max(t, 0.0), self.duration) / self._period
-        i = min(int(s), len(self._hips) - 2)
-        s = min(s - i, 1.0)
+        t = min(max(t, 0.0), self.duration)
+        i = min(int(np.searchsorted(self._times, t, side="right")) - 1, len(self._times) - 2)
+        s = (t - self._times[i]) / (self._times[i + 1] - self._times[i])
         hips = self._hips[i] + s * (self._hips[i + 1] - self._hips[i])
         q = self._rotations[i] + s * (self._rotations[i + 1] - self._rotations[i])
         return hips, q / np.sqrt(np.einsum("ij,ij->i", q, q))[:, None]

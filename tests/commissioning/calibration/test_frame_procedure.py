@@ -72,7 +72,7 @@ def test_a_pose_left_out_counts_for_nothing() -> None:
         [actor.channel_map.samples(np.concatenate(actor.rows))],
         actor.channel_map.date(actor.rows[0]),
     )  # fmt: skip
-    assert found.mount.numbers == (1, 2, 4, 5, 6, 7)
+    assert found.found.numbers == (1, 2, 4, 5, 6, 7)
     assert procedure.redo(1) == ""
     assert procedure.skip() == "6 poses must remain"
     assert procedure.redo(9) == "the poses are 1 to 7"
@@ -90,8 +90,8 @@ def test_the_screen_shows_what_to_do_and_what_is_measured() -> None:
 
 def feed(actor: Leader, procedure: Procedure, seconds: float) -> None:
     """Goes on for so long, or until it is done."""
-    end = actor.count + 50 * seconds
-    while actor.count < end and not procedure.done:
+    end = actor._t + 50 * seconds
+    while actor._t < end and not procedure.done:
         if procedure.step is not actor.step:
             actor.begin(procedure)
         procedure.feed(actor.channel_map.samples(actor.take()))

@@ -17,11 +17,13 @@ from srl.commissioning.calibration.ikns import report
 from srl.commissioning.calibration.ikns.channel_map import channel_map
 from srl.commissioning.calibration.ikns.marks import mark_of
 from srl.commissioning.calibration.ikns.procedure import Procedure
-from srl.commissioning.calibration.ikns.result import Result, compute, write
-from srl.commissioning.calibration.ikns.samples import joined, stretch, trials
+from srl.commissioning.calibration.ikns.result import Result, compute
+from srl.commissioning.calibration.ikns.samples import joined, trials
 from srl.commissioning.calibration.ikns.steps import Kind, View
+from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.screen import Plain, Screen
 from srl.commissioning.calibration.sources import RowFile, Rows, recorded
+from srl.commissioning.calibration.target import write_record
 from srl.control.ikns import record
 from srl.control.ikns.calibration import CalibrationError
 from srl.runtime.contracts.errors import RecordingError, RequestError
@@ -78,7 +80,7 @@ def test_the_calibration_reads_the_dofs(dofs: tuple[str, ...], tmp_path: Path) -
     assert result.refusals == ()
     assert result.numbers == tuple(range(1, 11))
     assert result.date == DAY
-    write(tmp_path / "p07.json", result, replacing=False)
+    write_record(tmp_path / "p07.json", result.record(), replacing=False)
     made = record.read(tmp_path / "p07.json")
     assert (made.person, made.dofs, made.frame, made.rate) == ("P07", dofs, "chest", 100.0)
     assert made.joints == actor.channel_map.joints
@@ -133,7 +135,7 @@ def test_a_point_done_again_in_another_session_repairs_it() -> None:
     bad = Actor(person=Person(wander={3: 0.1}))
     before = guided(bad).samples
     again = Actor()
-    explored = joined(before).hand[stretch(joined(before), 2)]
+    explored = joined(before).hand[stretch_of(joined(before).marks, 2)]
     procedure = Procedure(("swivel",), FEW, QUICK, explored)
     assert procedure.redo(3) == ""
     guide = Guide(again, procedure, Typist(), lambda: False)
@@ -245,8 +247,8 @@ def test_a_recording_gives_the_same_file_to_the_bit(good: tuple[Actor, Result], 
     file.close()
     where, rows = recorded(tmp_path / "run.rrd", channel_map)
     again = compute(where, [where.samples(rows)], where.date(rows))
-    write(tmp_path / "a.json", result, replacing=False)
-    write(tmp_path / "b.json", again, replacing=False)
+    write_record(tmp_path / "a.json", result.record(), replacing=False)
+    write_record(tmp_path / "b.json", again.record(), replacing=False)
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
 
 
@@ -285,12 +287,12 @@ def readonly(tmp_path: Path) -> Iterator[Path]:
 
 def test_a_file_that_is_there_is_kept_and_replaced_only_on_request(good: tuple[Actor, Result], tmp_path: Path) -> None:
     path = tmp_path / "p07.json"
-    write(path, good[1], replacing=False)
+    write_record(path, good[1].record(), replacing=False)
     first = path.read_bytes()
     with pytest.raises(record.RecordError, match="a calibration is there already"):
-        write(path, good[1].flipped("swivel"), replacing=False)
+        write_record(path, good[1].flipped("swivel").record(), replacing=False)
     assert path.read_bytes() == first
-    write(path, good[1].flipped("swivel"), replacing=True)
+    write_record(path, good[1].flipped("swivel").record(), replacing=True)
     assert path.read_bytes() != first
     assert (tmp_path / "p07.json.old").read_bytes() == first
 
@@ -303,7 +305,7 @@ def test_a_full_disk_leaves_nothing_half(
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(record.RecordError, match="it can't be written: No space left on device"):
-        write(tmp_path / "p07.json", good[1], replacing=False)
+        write_record(tmp_path / "p07.json", good[1].record(), replacing=False)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -322,14 +324,14 @@ def test_a_report_that_the_disk_has_no_room_for_leaves_nothing(
 
 def test_a_folder_that_isnt_there_is_named(good: tuple[Actor, Result], tmp_path: Path) -> None:
     with pytest.raises(record.RecordError, match="the folder can't be written"):
-        write(tmp_path / "none" / "p07.json", good[1], replacing=False)
+        write_record(tmp_path / "none" / "p07.json", good[1].record(), replacing=False)
 
 
 @pytest.mark.slow
 def test_the_report_says_what_was_found(good: tuple[Actor, Result], tmp_path: Path) -> None:
     _, result = good
     reported = report.metrics(result)
-    assert reported["person"] == "P07"
+    assert result.person == "P07"
     assert [p["number"] for p in reported["points"]] == list(range(1, 11))
     assert reported["points"][0]["dofs"]["swivel"]["range"] == pytest.approx(1.0, abs=0.1)
     assert 0.0 < reported["noise_per_mm"]["swivel"] < 0.1

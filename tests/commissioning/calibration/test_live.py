@@ -17,11 +17,12 @@ from helpers.wait import until
 from srl.commissioning.calibration.guide import Guide
 from srl.commissioning.calibration.ikns.channel_map import channel_map
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
-from srl.commissioning.calibration.ikns.result import compute, write
+from srl.commissioning.calibration.ikns.result import compute
 from srl.commissioning.calibration.live import Live
 from srl.commissioning.calibration.profile_subset import build, subset
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import Rows, RowSource, recorded
+from srl.commissioning.calibration.target import write_record
 from srl.control.ikns.calibration import Thresholds
 from srl.runtime.contracts.wearer import Instruction
 from srl.runtime.ipc.control_socket import send_request
@@ -96,8 +97,8 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
     assert (found.found.upper - found.found.lower).min() > 1.0
     where, rows = recorded(tmp_path / "live.rrd", channel_map)
     again = compute(where, [where.samples(rows)], where.date(rows))
-    write(tmp_path / "a.json", found, replacing=False)
-    write(tmp_path / "b.json", again, replacing=False)
+    write_record(tmp_path / "a.json", found.record(), replacing=False)
+    write_record(tmp_path / "b.json", again.record(), replacing=False)
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     assert running() == []
 

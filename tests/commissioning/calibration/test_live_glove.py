@@ -94,8 +94,8 @@ def test_a_worn_glove_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.Mon
     found = made.compute(led.channel_map, guide.samples, led.channel_map.date(guide.first))
     assert [str(reason) for reason in found.refusals] == [], lines
     assert not found.simulated
-    np.testing.assert_allclose(found.glove.offset, OFFSET[:19], atol=1.0)
-    np.testing.assert_allclose(found.glove.gain, GAIN[:19], rtol=0.03)
+    np.testing.assert_allclose(found.found.offset, OFFSET[:19], atol=1.0)
+    np.testing.assert_allclose(found.found.gain, GAIN[:19], rtol=0.03)
     channel_map, rows = recorded(tmp_path / "live.rrd", made.channel_map)
     again = made.compute(channel_map, [channel_map.samples(rows)], channel_map.date(rows))
     assert made.record(again) == made.record(found)

@@ -30,7 +30,7 @@ def test_what_a_lost_suit_showed_last_counts_for_nothing(layout: Layout, link: i
     rows[1, layout.device(0)][DEVICE.link] = link
     rows[:, layout.ints :] = np.full((3, layout.width - layout.ints), 0.5).view(np.int64)
     nowhere = np.array([], np.intp)
-    channel_map: RunChannels = ChannelMap(layout, None, "task-marks", None, nowhere, nowhere)  # type: ignore[arg-type]
+    channel_map: RunChannels = ChannelMap(layout, None, None, nowhere, nowhere)
     floats = channel_map.floats(rows)
     suit, arm, mark = (layout.fields[n] for n in ("suit.rotation", "arm.position", "marks.mark"))
     assert np.isnan(floats[1, suit.offset : suit.offset + 4]).all()

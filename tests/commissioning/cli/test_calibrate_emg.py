@@ -12,24 +12,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.acted_calibration import calibrate, feed, recorded
 from helpers.edited import edited
 from helpers.emg_calibration import GAINS, NAMES, PROFILE, QUICK, Electrodes
 from helpers.run import call, summary
 from rich.console import Console
 
-from srl.commissioning.calibration import method
 from srl.commissioning.calibration.emg import report as emg_report
 from srl.commissioning.calibration.emg.fit import Thresholds
 from srl.commissioning.calibration.emg.procedure import Kind, Procedure
 from srl.commissioning.calibration.emg.samples import Plan
 from srl.commissioning.calibration.screen import picture
-from srl.commissioning.calibration.sources import RowFile
 from srl.control.emg.record import EmgRecord
 from srl.runtime.cli import calibrations, main
 from srl.runtime.models import record_file
 
 Command = Callable[..., int]
-drawn = emg_report.draw
 MEAN = np.sqrt(2.0 / np.pi)  # of a rectified normal signal of RMS 1
 TYPED = [word for option in QUICK for word in ("--option", option)]
 PLAN = Plan.model_validate(dict(option.split("=") for option in QUICK))
@@ -44,15 +42,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """`srl calibrate worn.yaml emg ...` without physics; the picture is drawn only if asked for."""
-
-    def run(*arguments: str, actor: Electrodes | None = None, picture: bool = False, person: bool = True) -> int:
-        monkeypatch.setattr(emg_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Electrodes())
-        typed = TYPED if "--recording" not in arguments else []
-        return main(["calibrate", "worn.yaml", "emg", *(("--person", "P07") if person else ()), *typed, *arguments])
-
-    return run
+    return calibrate(monkeypatch, emg_report, "worn.yaml", "emg", Electrodes, TYPED)
 
 
 def read(path: Path) -> EmgRecord:
@@ -323,19 +313,3 @@ def test_the_simulated_muscles_of_the_shipped_profile_are_calibrated(tmp_path: P
 
 def procedure_of() -> Procedure:
     return Procedure(NAMES, PLAN, Thresholds())
-
-
-def feed(actor: Electrodes, procedure: Procedure, seconds: float) -> None:
-    """Goes on for so long, or until it is done."""
-    end = actor._t + 20 * seconds
-    while actor._t < end and not procedure.done:
-        if procedure.step is not actor.step:
-            actor.begin(procedure)
-        procedure.feed(actor.channel_map.samples(actor.take()))
-
-
-def recorded(actor: Electrodes, path: Path) -> None:
-    file = RowFile(actor.graph.layout, path)
-    for rows in actor.rows:
-        file.add(rows)
-    file.close()

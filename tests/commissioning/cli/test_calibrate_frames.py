@@ -10,17 +10,16 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from helpers.acted_calibration import calibrate, recorded
 from helpers.edited import edited
 from helpers.frame_calibration import BASE, POINTS, PROFILE, TRACKER, Leader
 from helpers.run import call, summary
 from scipy.spatial.transform import Rotation
 
-from srl.commissioning.calibration import method
 from srl.commissioning.calibration.frames import method as frame_method
 from srl.commissioning.calibration.frames import report as frame_report
 from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.commissioning.calibration.sources import RowFile
 from srl.drivers.ur import Ur, UrConfig
 from srl.runtime.cli import main
 from srl.runtime.contracts.files import Files, decoded
@@ -29,7 +28,6 @@ from srl.runtime.models.mount_record import FrameRecord, Pose
 from srl.runtime.profile import profile, wiring
 
 Command = Callable[..., int]
-drawn = frame_report.draw
 
 
 @pytest.fixture
@@ -41,14 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """`srl calibrate cell.yaml frames ...` without physics; the picture is drawn only if asked for."""
-
-    def run(*arguments: str, actor: Leader | None = None, picture: bool = False) -> int:
-        monkeypatch.setattr(frame_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Leader())
-        return main(["calibrate", "cell.yaml", "frames", *arguments])
-
-    return run
+    return calibrate(monkeypatch, frame_report, "cell.yaml", "frames", Leader, personal=False)
 
 
 def options(given: tuple[str, ...]) -> list[str]:
@@ -342,13 +333,6 @@ def test_a_replay_has_the_file_and_a_typed_one_is_looked_for_here(command: Comma
         *profile.parse(meta["label"], meta["profile"], meta["overrides"], Files(recorded=decoded(meta["files"], "run")))
     )
     assert again.frames.entries["arm"] == graph.frames.entries["arm"]
-
-
-def recorded(actor: Leader, path: Path) -> None:
-    file = RowFile(actor.graph.layout, path)
-    for rows in actor.rows:
-        file.add(rows)
-    file.close()
 
 
 @pytest.mark.exhaustive

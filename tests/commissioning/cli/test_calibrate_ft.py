@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.acted_calibration import calibrate, feed, recorded
 from helpers.admittance import admittance
 from helpers.edited import edited
 from helpers.ft_calibration import BIAS, COM, MASS, PROFILE, Turner
@@ -17,14 +18,12 @@ from helpers.run import call, summary
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from srl.commissioning.calibration import method
 from srl.commissioning.calibration.ft import method as ft_method
 from srl.commissioning.calibration.ft import report as ft_report
 from srl.commissioning.calibration.ft.fit import Thresholds
 from srl.commissioning.calibration.ft.procedure import Kind, Procedure
 from srl.commissioning.calibration.ft.samples import Plan
 from srl.commissioning.calibration.screen import picture
-from srl.commissioning.calibration.sources import RowFile
 from srl.control.cobot.ft_record import FtRecord
 from srl.runtime.cli import main
 from srl.runtime.contracts.files import KeptFile
@@ -32,7 +31,6 @@ from srl.runtime.contracts.gravity import GRAVITY
 from srl.runtime.models import record_file
 
 Command = Callable[..., int]
-drawn = ft_report.draw
 
 
 @pytest.fixture
@@ -44,14 +42,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """`srl calibrate led.yaml ft ...` without physics; the picture is drawn only if asked for, as it takes long."""
-
-    def run(*arguments: str, actor: Turner | None = None, picture: bool = False) -> int:
-        monkeypatch.setattr(ft_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Turner())
-        return main(["calibrate", "led.yaml", "ft", *arguments])
-
-    return run
+    return calibrate(monkeypatch, ft_report, "led.yaml", "ft", Turner, personal=False)
 
 
 def read(path: Path) -> FtRecord:
@@ -256,25 +247,9 @@ def test_a_pose_left_out_counts_for_nothing() -> None:
         object.__new__(ft_method.FtMethod), actor.channel_map, [actor.channel_map.samples(np.concatenate(actor.rows))],
         actor.channel_map.date(actor.rows[0]),
     )  # fmt: skip
-    assert found.load.numbers == (1, 2, 4, 5, 6, 7)
+    assert found.found.numbers == (1, 2, 4, 5, 6, 7)
     assert procedure.redo(1) == ""
     assert procedure.skip() == "6 poses must remain"
-
-
-def feed(actor: Turner, procedure: Procedure, seconds: float) -> None:
-    """Goes on for so long, or until it is done."""
-    end = actor._t + 50 * seconds
-    while actor._t < end and not procedure.done:
-        if procedure.step is not actor.step:
-            actor.begin(procedure)
-        procedure.feed(actor.channel_map.samples(actor.take()))
-
-
-def recorded(actor: Turner, path: Path) -> None:
-    file = RowFile(actor.graph.layout, path)
-    for rows in actor.rows:
-        file.add(rows)
-    file.close()
 
 
 @pytest.mark.exhaustive

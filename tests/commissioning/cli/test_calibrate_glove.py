@@ -10,19 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.acted_calibration import calibrate, feed, recorded
 from helpers.edited import edited
 from helpers.glove_calibration import GAIN, NAMES, OFFSET, PROFILE, Gloved
 from helpers.run import call, summary
 from rich.console import Console
 
-from srl.commissioning.calibration import method
 from srl.commissioning.calibration.glove import report as glove_report
 from srl.commissioning.calibration.glove.fit import Thresholds
 from srl.commissioning.calibration.glove.procedure import Kind, Procedure
 from srl.commissioning.calibration.glove.samples import Plan
 from srl.commissioning.calibration.glove.shapes import Angles
 from srl.commissioning.calibration.screen import picture
-from srl.commissioning.calibration.sources import RowFile
 from srl.drivers.cyberglove import calibration
 from srl.runtime.cli import main
 from srl.runtime.contracts.errors import ProfileError
@@ -31,7 +30,6 @@ from srl.runtime.contracts.glove_record import GloveRecord
 from srl.runtime.models import record_file
 
 Command = Callable[..., int]
-drawn = glove_report.draw
 FITTED = NAMES[:19]
 SHORT = ("--option", "read=1")
 
@@ -45,14 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """`srl calibrate worn.yaml glove ...` without physics; the picture is drawn only if asked for, as it takes long."""
-
-    def run(*arguments: str, actor: Gloved | None = None, picture: bool = False, person: bool = True) -> int:
-        monkeypatch.setattr(glove_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Gloved())
-        return main(["calibrate", "worn.yaml", "glove", *(("--person", "P07") if person else ()), *arguments])
-
-    return run
+    return calibrate(monkeypatch, glove_report, "worn.yaml", "glove", Gloved)
 
 
 def read(path: Path) -> GloveRecord:
@@ -360,19 +351,3 @@ def test_the_simulated_glove_of_a_shipped_profile_is_calibrated(tmp_path: Path) 
 
 def procedure_of() -> Procedure:
     return Procedure(NAMES, Plan(read=1.0), Angles(), Thresholds())
-
-
-def feed(actor: Gloved, procedure: Procedure, seconds: float) -> None:
-    """Goes on for so long, or until it is done."""
-    end = actor._t + 50 * seconds
-    while actor._t < end and not procedure.done:
-        if procedure.step is not actor.step:
-            actor.begin(procedure)
-        procedure.feed(actor.channel_map.samples(actor.take()))
-
-
-def recorded(actor: Gloved, path: Path) -> None:
-    file = RowFile(actor.graph.layout, path)
-    for rows in actor.rows:
-        file.add(rows)
-    file.close()

@@ -234,7 +234,7 @@ def test_the_bounds_meanwhile_hold_wherever_the_zeros_are(made: Path) -> None:
 
 
 def options(folder: Path, **more: Any) -> ServoMarksConfig:
-    plain = {key: value for key, value in method(folder)._marks().items() if key not in ("use", "name")}
+    plain = {key: value for key, value in method(folder)._marked().items() if key not in ("use", "name")}
     return ServoMarksConfig.model_validate(plain | more)
 
 

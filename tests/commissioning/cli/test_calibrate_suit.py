@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.acted_calibration import calibrate, feed
 from helpers.edited import edited
 from helpers.run import call, summary
 from helpers.suit_calibration import BODY, PROFILE, QUICK, Suited
 from rich.console import Console
 
-from srl.commissioning.calibration import method
 from srl.commissioning.calibration.screen import picture
 from srl.commissioning.calibration.sources import RowFile
 from srl.commissioning.calibration.suit import report as suit_report
@@ -31,7 +31,6 @@ from srl.runtime.contracts.suit_record import SuitRecord
 from srl.runtime.models import record_file
 
 Command = Callable[..., int]
-drawn = suit_report.draw
 TYPED = [word for option in QUICK for word in ("--option", option)]
 MINUTE = 1.0 / PER_MINUTE  # rad/s, of a degree a minute
 
@@ -45,15 +44,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """`srl calibrate worn.yaml suit ...` without physics; the picture is drawn only if asked for."""
-
-    def run(*arguments: str, actor: Suited | None = None, picture: bool = False, person: bool = True) -> int:
-        monkeypatch.setattr(suit_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Suited())
-        typed = TYPED if "--recording" not in arguments else []
-        return main(["calibrate", "worn.yaml", "suit", *(("--person", "P07") if person else ()), *typed, *arguments])
-
-    return run
+    return calibrate(monkeypatch, suit_report, "worn.yaml", "suit", Suited, TYPED)
 
 
 def read(path: Path) -> SuitRecord:
@@ -271,12 +262,3 @@ def test_the_simulated_suit_of_the_shipped_profile_is_calibrated(tmp_path: Path)
 def procedure_of(wearer: Suited) -> Procedure:
     made: Procedure = wearer.method.procedure([])
     return made
-
-
-def feed(wearer: Suited, procedure: Procedure, seconds: float) -> None:
-    """Goes on for so long, or until it is done."""
-    end = wearer.time + seconds
-    while wearer.time < end and not procedure.done:
-        if procedure.step is not wearer.step:
-            wearer.begin(procedure)
-        procedure.feed(wearer.channel_map.samples(wearer.take()))

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from srl.control.hand.concentric import ConcentricObject
-from srl.control.hand.sphere import minimum_sphere
+from srl.control.hand.sphere import MinimumSphere
 from srl.runtime.contracts.errors import ProfileError
 from srl.runtime.contracts.signals import Array
 
 TIPS, ROBOT = hand_tips(RELAXED), finger_tip(HOME)[None]
-CENTRE = np.array(minimum_sphere(np.concatenate([TIPS, ROBOT])))[:3]
+CENTRE = np.array(MinimumSphere().around(np.concatenate([TIPS, ROBOT]).tolist()))[:3]
 
 
 @given(st.floats(0.2, 2.0), st.floats(-0.5, 0.5))

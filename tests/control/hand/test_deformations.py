@@ -7,7 +7,7 @@ import pytest
 from helpers.control import FIST, HOME, RELAXED, finger_tip, hand_tips
 from scipy.spatial.transform import Rotation
 
-from srl.control.hand.sphere import minimum_sphere
+from srl.control.hand.sphere import MinimumSphere
 from srl.control.hand.virtual_object import Deformation, Psi, VirtualObject
 from srl.runtime.contracts.signals import Array
 
@@ -55,7 +55,7 @@ def carried(points: Array, psi: Psi, axis: Array, turn: bool) -> float:
     shift = np.zeros(3) if turn else 0.001 * axis
     for _ in range(20):
         after = p_h @ step.T + shift
-        p_a = model.move(p_h, after, p_a, np.array(minimum_sphere(np.concatenate([p_h, p_a]))))
+        p_a = model.move(p_h, after, p_a, np.array(MinimumSphere().around(np.concatenate([p_h, p_a]).tolist())))
         p_h, true = after, true @ step.T + shift
     return float(np.linalg.norm(p_a - true))
 

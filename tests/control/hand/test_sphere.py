@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from srl.control.hand.sphere import MinimumSphere, minimum_sphere
+from srl.control.hand.sphere import MinimumSphere
 from srl.runtime.contracts.signals import Array
 
 
@@ -30,7 +30,7 @@ def brute_force(points: Array) -> float:
 
 
 def check(points: Array, tolerance: float = 1e-9) -> None:
-    x, y, z, r = minimum_sphere(points)
+    x, y, z, r = MinimumSphere().around(points.tolist())
     d = np.linalg.norm(points - [x, y, z], axis=1)
     assert d.max() <= r * (1 + 1e-9)
     if len(points) > 1:
@@ -69,14 +69,14 @@ def test_fingertips_a_hair_from_a_line() -> None:
 
 def test_a_regular_tetrahedron_needs_all_four() -> None:
     corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) + 5.0
-    np.testing.assert_allclose(minimum_sphere(corners), [5, 5, 5, np.sqrt(3)], rtol=1e-12)
+    np.testing.assert_allclose(MinimumSphere().around(corners.tolist()), [5, 5, 5, np.sqrt(3)], rtol=1e-12)
 
 
 def test_order_does_not_matter_and_runs_repeat() -> None:
     points = np.random.default_rng(3).normal(size=(6, 3))
-    sphere = minimum_sphere(points)
-    assert minimum_sphere(points.copy()) == sphere
-    np.testing.assert_allclose(minimum_sphere(points[::-1]), sphere, rtol=1e-9)
+    sphere = MinimumSphere().around(points.tolist())
+    assert MinimumSphere().around(points.copy().tolist()) == sphere
+    np.testing.assert_allclose(MinimumSphere().around(points[::-1].tolist()), sphere, rtol=1e-9)
 
 
 def test_points_that_move_on_have_the_same_sphere_as_afresh() -> None:
@@ -88,7 +88,7 @@ def test_points_that_move_on_have_the_same_sphere_as_afresh() -> None:
         if k % 100 == 0:
             points[1] = points[0]
         found = moving.around(points.tolist())
-        np.testing.assert_allclose(found, minimum_sphere(points), rtol=0, atol=1e-8 * found[3])
+        np.testing.assert_allclose(found, MinimumSphere().around(points.tolist()), rtol=0, atol=1e-8 * found[3])
         supports.append(list(moving.support))
         kept += k > 0 and supports[-1] == supports[-2]
     assert 500 < kept < 1499

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from srl.control.hand.sphere import minimum_sphere
+from srl.control.hand.sphere import MinimumSphere
 from srl.control.hand.virtual_object import (
     Deformation,
     Psi,
@@ -29,7 +29,7 @@ direction = arrays(float, 3, elements=st.floats(-1, 1))
 
 
 def sphere_of(p_h: Array, p_a: Array = ROBOT) -> Array:
-    return np.array(minimum_sphere(np.concatenate([p_h, p_a])))
+    return np.array(MinimumSphere().around(np.concatenate([p_h, p_a]).tolist()))
 
 
 def skew(v: Array) -> Array:

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from srl.commissioning.calibration.ikns.marks import VOID, Marks, MarksConfig, left_out, mark_of
-from srl.commissioning.calibration.ikns.samples import Samples, ended, joined, seen, stretch, trials, whole
+from srl.commissioning.calibration.ikns.marks import VOID, Marks, MarksConfig, left_out, mark_of, of_trial
+from srl.commissioning.calibration.ikns.samples import Samples, joined, seen, trials, whole
+from srl.commissioning.calibration.marks import ended, stretch_of
 from srl.control.ikns.calibration import Recording
 
 
@@ -23,7 +24,7 @@ def samples(marks: list[int], start: float = 0.0) -> Samples:
 @given(st.lists(st.tuples(st.sampled_from([0, 1, 101, 102, 201]), st.integers(1, 5)), max_size=12))
 def test_a_stretch_is_the_last_run_of_a_mark(runs: list[tuple[int, int]]) -> None:
     marks = [mark for mark, count in runs for _ in range(count)]
-    at = stretch(samples(marks), 101)
+    at = stretch_of(np.array(marks, np.intp), 101)
     assert all(mark == 101 for mark in marks[at])
     assert 101 not in marks[at.stop :]
     if at.start > 0 and at.stop > at.start:
@@ -97,11 +98,11 @@ def test_a_point_that_is_left_out_has_none_of_its_trials() -> None:
 @given(st.integers(0, 5))
 def test_a_recording_that_ends_in_a_trial_has_only_the_whole_ones(count: int) -> None:
     done = all_points()
-    made, _ = trials(ended(samples([*done, *[mark_of(2, 0)] * count])), 1)
+    made, _ = trials(ended(samples([*done, *[mark_of(2, 0)] * count]), of_trial), 1)
     assert made.angles[:, 0].tolist() == trials(samples(done), 1)[0].angles[:, 0].tolist()
     for last in (0, VOID, left_out(2)):
-        assert ended(samples([*done, last])).marks.tolist() == [*done, last]
-    assert len(ended(samples([]))) == 0
+        assert ended(samples([*done, last]), of_trial).marks.tolist() == [*done, last]
+    assert len(ended(samples([]), of_trial)) == 0
 
 
 def test_what_wasnt_observed_isnt_seen() -> None:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from srl.commissioning.calibration.intention.marks import IDLE, STAND, VOID, mark_of
+from srl.commissioning.calibration.intention.method import IntentionMethod
 from srl.commissioning.calibration.intention.procedure import Kind, Plan, Procedure
-from srl.commissioning.calibration.intention.samples import Samples, ended, trials
+from srl.commissioning.calibration.intention.samples import Samples, trials
+from srl.commissioning.calibration.marks import ended
 from srl.control.intention.features import FRAME
 from srl.control.intention.training import Thresholds, Trial
 from srl.runtime.contracts.signals import Array
@@ -47,9 +49,11 @@ def test_one_in_which_a_recording_ends_replaces_none() -> None:
     wave = mark_of(0, 1)
     whole = run((wave, 1.0, 3), (IDLE, 0.0, 1))
     broken = run((IDLE, 0.0, 1), (wave, 2.0, 1))
-    assert set(values(trials([ended(whole), ended(broken)], ACTIONS, PLAIN))["wave", 0]) == {1.0}
+    counted = IntentionMethod.counted.__contains__
+    cut = [ended(each, counted) for each in (whole, broken)]
+    assert set(values(trials(cut, ACTIONS, PLAIN))["wave", 0]) == {1.0}
     assert set(values(trials([whole, broken], ACTIONS, PLAIN))["wave", 0]) == {2.0}
-    assert (ended(whole).marks == whole.marks).all()
+    assert (cut[0].marks == whole.marks).all()
 
 
 def test_a_stop_is_cut_out() -> None:
