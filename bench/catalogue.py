@@ -22,6 +22,7 @@ BENCHES: Final[dict[str, Bench]] = {
     "arm-angles": Bench("bench.arm_angles:run"),
     "bus-age-100hz": Bench("bench.bus_age:run", (100,), quick=True),
     "bus-age-1khz": Bench("bench.bus_age:run", (1000,)),
+    "ros2-node": Bench("bench.ros2_node:run", (100,)),
     "byte-to-byte": Bench("bench.byte_to_byte:run"),
     "can-actuators": Bench("bench.can_actuators:run"),
     "clock-100hz": Bench("bench.clock:run", (100,)),

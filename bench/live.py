@@ -21,12 +21,12 @@ _NAME = "bench"
 
 
 @contextmanager
-def running(rate: int) -> Iterator[RunFolder]:
-    """A run of the simulated sixth finger, once it is active."""
+def running(rate: int, *more: str) -> Iterator[RunFolder]:
+    """A run of the simulated sixth finger, once it is active. `more`: arguments of `srl run`."""
     with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
         os.environ["SRL_RUNTIME_DIR"] = scratch
         command = [sys.executable, "-m", "srl", "run", "sixth-finger", "--sim", "--instance", _NAME]
-        process = subprocess.Popen([*command, "--set", f"rate={rate}"], stderr=subprocess.DEVNULL)
+        process = subprocess.Popen([*command, "--set", f"rate={rate}", *more], stderr=subprocess.DEVNULL)
         folder = RunFolder(Path(scratch) / _NAME)
         try:
             while not _active(folder):

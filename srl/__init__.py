@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from srl.runtime.contracts.errors import DeviceError as DeviceError
     from srl.runtime.contracts.errors import DeviceLostError as DeviceLostError
     from srl.runtime.contracts.errors import HostError as HostError
+    from srl.runtime.contracts.errors import NoAnswerError as NoAnswerError
     from srl.runtime.contracts.errors import ProfileError as ProfileError
     from srl.runtime.contracts.errors import RecordingError as RecordingError
     from srl.runtime.contracts.errors import RequestError as RequestError
@@ -68,6 +69,7 @@ _FROM = {
         "DeviceError",
         "DeviceLostError",
         "HostError",
+        "NoAnswerError",
         "ProfileError",
         "RecordingError",
         "RequestError",
@@ -103,6 +105,7 @@ __all__ = [
     "LimbJoint",
     "LimbMotor",
     "Limits",
+    "NoAnswerError",
     "Parameter",
     "PerElement",
     "ProfileError",

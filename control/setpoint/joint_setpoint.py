@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from pydantic import Field
 
@@ -26,6 +29,7 @@ class JointSetpoint(Controller):
     """
 
     Config = JointSetpointConfig
+    passes: ClassVar[Mapping[str, str]] = {"target": "q"}
     summary = "joint angles set by a client, for bring-up"
 
     def __init__(self, name: str, config: JointSetpointConfig) -> None:

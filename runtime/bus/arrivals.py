@@ -27,6 +27,18 @@ class _Item(NamedTuple):
     came: int
 
 
+def came(when: int) -> bytes:
+    """The attachment of a request that somebody passes on: when it came to them, CLOCK_MONOTONIC ns."""
+    return when.to_bytes(8, "little", signed=True)
+
+
+def came_of(what: Any, otherwise: int) -> int:
+    """When a query came to who passes it on, by its attachment; `otherwise` without one."""
+    given = getattr(what, "attachment", None)
+    content = b"" if given is None else given.to_bytes()
+    return int.from_bytes(content, "little", signed=True) if len(content) == 8 else otherwise
+
+
 class Arrivals:
     """The queues; see the module's docstring.
 
@@ -56,6 +68,7 @@ class Arrivals:
                 return
             # The queue must not grow without bounds, and a flood of setpoints must leave room for queries.
             asked = isinstance(what, zenoh.Query)
+            now = time.monotonic_ns()
             if aside:
                 first = self._asides.empty()
                 if self._asides.qsize() < QUERIES:
@@ -65,7 +78,7 @@ class Arrivals:
                 if first:
                     self.wake()
             elif self._items.qsize() < (QUERIES if asked else SAMPLES):
-                self._items.put(_Item(work, what, time.monotonic_ns()))
+                self._items.put(_Item(work, what, min(now, came_of(what, now))))
             elif asked:
                 what.drop()
 

@@ -55,7 +55,8 @@ def sign(folder: Path, name: str, hosts: Sequence[str], days: int) -> None:
     Args:
         folder: holds the authority's two files.
         name: the common name; `bus.roles` knows a client by it.
-        hosts: the names and addresses by which clients call the service; none for a client.
+        hosts: the names and addresses by which clients call the service; none for a client. A service may connect,
+            too: to a router.
         days: how long it holds good.
     Raises:
         RequestError: the name is none, or its files are there.
@@ -69,12 +70,12 @@ def sign(folder: Path, name: str, hosts: Sequence[str], days: int) -> None:
     issuer, signer = _read(folder)
     secret = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-    purpose = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
+    purposes = [ExtendedKeyUsageOID.CLIENT_AUTH] + [ExtendedKeyUsageOID.SERVER_AUTH] * bool(hosts)
     builder = (
         _begun(subject, issuer.subject, secret.public_key(), days)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(_usage(digital_signature=True), critical=True)
-        .add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+        .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
         .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False)
     )
     if hosts:

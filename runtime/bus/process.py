@@ -124,8 +124,12 @@ class Bus:
             self._declared.append(s.declare_queryable(keys, into))
         for key, take in self._requests.subscribers().items():
             self._declared.append(s.declare_subscriber(key, self._arrivals.into(take)))
-        self._declared.append(s.declare_queryable(self._keys.states, self._arrivals.into(self._describe, aside=True)))
-        self._declared.append(s.declare_queryable(self._keys.events, self._arrivals.into(self._recall, aside=True)))
+        for keys, tell in (
+            (self._keys.states, self._describe),
+            (self._keys.status, self._tell),
+            (self._keys.events, self._recall),
+        ):
+            self._declared.append(s.declare_queryable(keys, self._arrivals.into(tell, aside=True)))
         # Declared last: a client that sees this token finds everything else declared.
         self._declared.append(s.liveliness().declare_token(self._keys.alive))
 
@@ -215,8 +219,10 @@ class Bus:
         return found[-MOST:]
 
     def _say_status(self) -> None:
-        message = self._reporter.message(self._row, time.time_ns(), self._silent)
-        self._status_out.put(cdr.encode(messages.DIAGNOSTICS, message))
+        self._status_out.put(self._status())
+
+    def _status(self) -> bytes:
+        return cdr.encode(messages.DIAGNOSTICS, self._reporter.message(self._row, time.time_ns(), self._silent))
 
     def _say_events(self) -> None:
         for event in self._events.take():
@@ -231,11 +237,20 @@ class Bus:
         return time.time_ns() - time.monotonic_ns()
 
     def _describe(self, query: zenoh.Query) -> None:
-        """Answers with the metadata of every signal that matches the query's key expression."""
-        for field in self._fields:
-            key = self._keys.meta(field.name)
-            if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                reply(query, key, messages.describe(field))
+        """Answers with the newest sample and the metadata of every signal whose key the query's expression matches."""
+        row = self._row
+        for field, (place, encoder, _, column) in zip(self._fields, self._signals, strict=True):
+            key, meta = self._keys.state(field.name), self._keys.meta(field.name)
+            if row is not None and int(row[column]) >= 0 and query.key_expr.intersects(zenoh.KeyExpr(key)):
+                stamp = int(row[column]) + self._wall
+                sample = encoder.encode(row[self._layout.ints :].view(np.float64)[place], stamp)
+                reply(query, key, sample, messages.encoding(encoder.kind))
+            if query.key_expr.intersects(zenoh.KeyExpr(meta)):
+                reply(query, meta, messages.describe(field))
+        query.drop()
+
+    def _tell(self, query: zenoh.Query) -> None:
+        reply(query, self._keys.status, self._status(), messages.encoding(messages.DIAGNOSTICS))
         query.drop()
 
     def _recall(self, query: zenoh.Query) -> None:

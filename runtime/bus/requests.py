@@ -389,7 +389,7 @@ class Requests:
         query.drop()
 
 
-def reply(query: zenoh.Query, key: str, content: Any) -> None:
-    """Answers with JSON. The query must be dropped after its last answer, or its sender keeps waiting."""
+def reply(query: zenoh.Query, key: str, content: Any, encoding: str = messages.JSON) -> None:
+    """Answers with JSON, or with bytes as they are. Drop the query after its last answer, or its sender waits on."""
     with contextlib.suppress(zenoh.ZError):  # the sender has gone
-        query.reply(key, json.dumps(content), encoding=messages.JSON)
+        query.reply(key, content if isinstance(content, bytes) else json.dumps(content), encoding=encoding)

@@ -12,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.contracts.errors import HostError, NoAnswerError
 from srl.runtime.contracts.tls import TlsConfig
 from srl.runtime.profile.bus import BusConfig
 from srl.runtime.profile.keys import ROLES, Keys
@@ -55,7 +55,7 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
 
 
 def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> zenoh.Session:
-    """Opens a client's session. Raises RequestError if the endpoint does not answer within `timeout` s."""
+    """Opens a client's session. Raises NoAnswerError if the endpoint does not answer within `timeout` s."""
     content = _base("client") | {
         "connect": {
             "endpoints": [endpoint],
@@ -69,7 +69,8 @@ def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> z
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:
-        raise RequestError(f"bus ({endpoint})", f"no connection: {_reason(error)}", "Is the service running?") from None
+        problem = f"nobody answered: no connection ({_reason(error)})"
+        raise NoAnswerError(f"bus ({endpoint})", problem, "Is the service running? `srl stop` needs no bus") from None
 
 
 def _reason(error: zenoh.ZError) -> str:
@@ -104,47 +105,50 @@ def client_tls(tls: TlsConfig) -> dict[str, Any]:
     return _tls(tls, "connect")
 
 
-_READ = ["query", "declare_subscriber"]
-
-
 def _access(keys: Keys, config: BusConfig) -> dict[str, Any]:
     """The rules for clients. Only the service publishes for the instance.
 
     On this machine they may read, query and put setpoints. From the network a certificate may read, and ask under
-    the keys of its role alone; one whose name the profile doesn't have may do nothing.
+    the keys of its role alone; one whose name the profile doesn't have may do nothing. A client hears what is
+    published, and no other client's setpoints.
     """
+    published = [f"{keys.root}/state/**", keys.status, keys.events]
     rules: list[dict[str, Any]] = [
         {"id": "setpoints", "flows": ["ingress"], "messages": ["put"], "key_exprs": [f"{keys.root}/setpoint/**"]},
-        # Wider than the instance, as a client may read by `srl/**`. Nothing else is published here.
-        {"id": "ask", "flows": ["ingress"], "messages": _READ, "key_exprs": ["srl/**"]},
+        # zenoh grants what a rule's key includes as a whole. So `**` is named, or who asks for it would get nothing in
+        # silence. What reaches a client is bounded by "speak", and what changes anything takes its exact key.
+        {"id": "ask", "flows": ["ingress"], "messages": ["query"], "key_exprs": ["**"]},
+        {"id": "hear", "flows": ["ingress"], "messages": ["declare_subscriber"], "key_exprs": ["**"]},
         {"id": "no role", "flows": ["ingress"], "messages": ["query", "put"], "key_exprs": [f"{keys.root}/as/**"]},
         {
             "id": "read",
             "flows": ["ingress"],
-            "messages": _READ,
-            "key_exprs": [f"{keys.root}/state/**", keys.status, keys.events],
+            "messages": ["query"],
+            "key_exprs": published,
         },
         {
             "id": "presence",
             "flows": ["ingress"],
             "messages": ["liveliness_query", "declare_liveliness_subscriber"],
-            "key_exprs": ["srl/*/alive"],
+            "key_exprs": ["**"],
         },
+        {"id": "publish", "flows": ["egress"], "messages": ["put"], "key_exprs": published},
         {
             "id": "speak",
             "flows": ["egress"],
-            "messages": ["put", "reply", "liveliness_token", "declare_queryable", "declare_subscriber"],
+            "messages": ["reply", "liveliness_token", "declare_queryable", "declare_subscriber"],
             "key_exprs": [f"{keys.root}/**"],
         },
     ]
     subjects: list[dict[str, Any]] = [{"id": "local", "link_protocols": ["unixsock-stream", "tcp"]}]
-    policies = [{"rules": ["setpoints", "ask", "no role", "presence", "speak"], "subjects": ["local"]}]
+    everybody = ["hear", "presence", "publish", "speak"]
+    policies = [{"rules": ["setpoints", "ask", "no role", *everybody], "subjects": ["local"]}]
     roles: dict[str, tuple[str, ...]] = {str(role): names for role, names in config.roles.items()}
     for role in ROLES:
         if names := roles.get(role, ()):
             own = Keys(keys.instance, role)
             rules.append({"id": role, "flows": ["ingress"], "messages": ["query"], "key_exprs": [f"{own.asked}/**"]})
-            given = ["read", "presence", "speak", role]
+            given = ["read", role, *everybody]
             if not own.reads_only:
                 into = f"{role}'s setpoints"
                 rules.append({"id": into, "flows": ["ingress"], "messages": ["put"], "key_exprs": [own.setpoints]})

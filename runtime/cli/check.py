@@ -158,6 +158,9 @@ def check_certificates(graph: Graph) -> None:
     for path, tls in given:
         if tls is not None:
             tls.check(graph.source.place(path))
+    bus = graph.profile.bus
+    if bus is not None and bus.tls is not None and bus.ros2 is not None and bus.ros2.router.startswith("tls/"):
+        bus.tls.check_client(graph.source.place("bus.tls"))
 
 
 def listed_limits(graph: Graph, command: str) -> dict[str, dict[str, float]]:

@@ -51,6 +51,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--person", metavar="ID", help="with --record: whose run it is, an anonymous id such as P07")
     parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw what happened, from the recording")
     parser.add_argument("--view", action="store_true", help="show it live in rerun, in a browser on this machine")
+    parser.add_argument("--foxglove", action="store_true", help="show it live to Foxglove's app on this machine")
     parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
     parser.add_argument("--instance", metavar="NAME", help="name of this instance; default: the profile's")
@@ -105,7 +106,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
             args.sim, args.fast, cycles, automatic, [] if latched is None else latches.names(latched.latches),
             record is not None, args.person or "", _make_room(args, source, checked, status),
         )  # fmt: skip
-        telemetry = helpers(where, checked.bus, record, args.view)
+        telemetry = helpers(where, checked.bus, record, args.view, args.foxglove)
         supervisor = Supervisor(where, launch, state, telemetry, status.line)
         signals.pass_to(supervisor.end)
         result = _supervise(supervisor, latched, args, advice, status)
@@ -238,6 +239,7 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
     for option, asked, needed in (
         ("--figure", args.figure is not None, ("matplotlib",)),
         ("--view", args.view, ("aiohttp", "rerun")),
+        ("--foxglove", args.foxglove, ("aiohttp",)),
     ):
         for name in needed if asked else ():
             if find_spec(name) is None:  # else it would fail beside the limb, or after the run

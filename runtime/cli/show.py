@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 from srl.runtime.cli import add_command
@@ -13,6 +14,7 @@ from srl.runtime.contracts.errors import RequestError
 from srl.runtime.loop.guards import limits_of
 from srl.runtime.overview.overview import overview
 from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.bus import BusConfig
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -22,7 +24,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="as for run: simulate these devices, or all")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")
     parser.add_argument("--png", metavar="FILE.png", type=Path, help="a picture: the wiring and the tree of frames")
+    parser.add_argument(
+        "--foxglove-layout", metavar="FILE.json", type=Path, help="a layout for Foxglove's app, with this run's topics"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object with all of it")
+    parser.add_argument(
+        "--router", metavar="FILE.json5", type=Path, help="a configuration of ROS 2's router that knows bus.roles"
+    )
     only = parser.add_mutually_exclusive_group()
     for section, what in SECTIONS.items():
         only.add_argument(f"--{section}", dest="only", action="store_const", const=section, help=f"only {what}")
@@ -34,6 +42,9 @@ def run(args: argparse.Namespace) -> int:
     if args.png is not None and args.png.suffix != ".png":
         problem = f"the name {args.png} doesn't end in .png"
         raise RequestError("--png", problem, f"Name it like {args.profile.rpartition('/')[2].partition('.')[0]}.png")
+    if args.foxglove_layout is not None and args.foxglove_layout.suffix != ".json":
+        problem = f"the name {args.foxglove_layout} doesn't end in .json"
+        raise RequestError("--foxglove-layout", problem, "Name it like layout.json")
     if args.json and args.only is not None:
         problem = "--json has all of it, and so no parts to choose from"
         raise RequestError(f"--{args.only}", problem, "Leave one of the two out")
@@ -41,15 +52,32 @@ def run(args: argparse.Namespace) -> int:
     graph = wiring.build(checked, source, args.sim)
     check_guards(graph)
     check_certificates(graph)
+    if args.router is not None:
+        from srl.runtime.ros2.router import configuration
+
+        made = configuration(checked.bus or BusConfig(), checked.name, list(checked.setpoints))
+        try:
+            args.router.write_text(json.dumps(made, indent=2) + "\n")
+        except OSError as error:
+            raise RequestError("--router", f"{args.router}: {error.strerror}", "Name a file that can be made") from None
+        print(f"{args.router}: for ZENOH_ROUTER_CONFIG_URI, beside ca.pem, router.pem and router.key", file=sys.stderr)
     found = overview(graph, limits_of(graph))
     if args.png is not None:
         from srl.runtime.pictures.overview_picture import draw_overview
 
         draw_overview(found, args.png)
+    panels = 0
+    if args.foxglove_layout is not None:
+        from srl.runtime.export.foxglove_layout import write
+
+        panels = write(graph.layout, args.foxglove_layout)
     if args.json:
-        print(json.dumps(found | ({"png": str(args.png)} if args.png is not None else {}), allow_nan=False))
+        files = {"png": args.png, "foxglove_layout": args.foxglove_layout}
+        print(json.dumps(found | {k: str(v) for k, v in files.items() if v is not None}, allow_nan=False))
         return 0
     print("\n".join(text(found, [args.only] if args.only else list(SECTIONS))))
     if args.png is not None:
         print(f"{args.png}: the wiring and the frames")
+    if args.foxglove_layout is not None:
+        print(f"{args.foxglove_layout}: {panels} panels")
     return 0

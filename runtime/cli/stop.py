@@ -32,7 +32,8 @@ def run(args: argparse.Namespace) -> int:
     answer = send_request(run_folder, "exit" if args.exit else args.command)
     if answer is None:
         raise RequestError(
-            f"instance '{run_folder.path.name}'", "the loop didn't answer within 2 s",
+            f"instance '{run_folder.path.name}'",
+            f"the loop didn't answer within 2 s, so whether it carried out the {args.command} isn't known",
             "Use the hardware stop; then look at `srl top` and the journal",
         )  # fmt: skip
     if args.exit:

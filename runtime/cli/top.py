@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import threading
 import time
@@ -17,8 +18,8 @@ from rich.text import Text
 
 from srl.runtime.bus.client import Client, Update, connect
 from srl.runtime.cli import add_command
-from srl.runtime.contracts.errors import RequestError, nearest
-from srl.runtime.ipc.run_folder import running
+from srl.runtime.cli.instance import choose
+from srl.runtime.contracts.errors import NoAnswerError, RequestError
 from srl.runtime.profile.keys import path
 
 REFRESH = 5.0  # Hz
@@ -41,7 +42,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Shows the instance. Raises RequestError if it isn't running, or if several run and none is named."""
-    with connect(_instance(args.instance)) as client:
+    named = args.instance is not None and "/" in args.instance  # a run folder, of another user
+    with connect(args.instance if named else choose(args.instance)) as client:
         view = View(client)
         if args.json:
             view.gather()
@@ -52,19 +54,6 @@ def run(args: argparse.Namespace) -> int:
         else:
             _live(view, client)
     return 0
-
-
-def _instance(name: str | None) -> str:
-    names = [r.path.name for r in running()]
-    if name is not None:
-        if name not in names and "/" not in name:
-            raise RequestError(f"instance '{name}'", "it isn't running", nearest(name, names).rstrip("."))
-        return name
-    if not names:
-        raise RequestError("srl top", "no instance runs", "Start one with `srl run PROFILE`")
-    if len(names) > 1:
-        raise RequestError("srl top", f"several instances run: {', '.join(names)}", f"Name one: srl top {names[0]}")
-    return names[0]
 
 
 def _live(view: View, client: Client) -> None:
@@ -121,7 +110,8 @@ class View:
         """Queries the newest events, at most once a second."""
         if time.monotonic() - self._events_at > 1.0:
             self._events_at = time.monotonic()
-            self._events = self._client.events() or self._events
+            with contextlib.suppress(NoAnswerError):  # the silence is shown
+                self._events = self._client.events() or self._events
 
     def content(self) -> dict[str, Any]:
         """Returns the content for `--json`: the status, every signal's values, the events."""

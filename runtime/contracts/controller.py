@@ -57,6 +57,7 @@ class Controller(ABC):
     Config: type[ControllerConfig] = ControllerConfig
     summary: str = ""
     c_version: ClassVar[str] = ""  # `module:class` of its C version (runtime/contracts/compiled.py); not inherited
+    passes: ClassVar[Mapping[str, str]] = {}  # inputs that it passes on as they are, and the outputs to which
     exports: ClassVar[tuple[str, ...]] = ()  # the forms of files that its own `export` writes: "bvh"
 
     def __init_subclass__(cls) -> None:

@@ -66,6 +66,10 @@ class RequestError(SrlError):
     """A client's request can't be carried out."""
 
 
+class NoAnswerError(RequestError):
+    """Nobody answered a client's request. Its problem says whether the request may have been carried out."""
+
+
 class RecordingError(SrlError):
     """A recording can't be read or written."""
 

@@ -53,3 +53,28 @@ class TlsConfig(BaseModel):
         except ssl.SSLError as error:
             problem = f"{self.certificate} and {self.key} aren't a certificate and its key ({error.reason or error})"
             raise ProfileError(place, problem, "Give both in PEM form, the key without a password") from None
+
+    def check_client(self, place: str) -> None:
+        """Tries the certificate as that of a side that connects, against a server that trusts the same authority.
+
+        Raises:
+            ProfileError: the server would refuse it; `place` is the entry's.
+        """
+        server, client = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        client.check_hostname, client.verify_mode, server.verify_mode = False, ssl.CERT_NONE, ssl.CERT_REQUIRED
+        server.load_verify_locations(self.ca)
+        to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
+        ends = []
+        for context, read, write in ((client, to_client, to_server), (server, to_server, to_client)):
+            context.load_cert_chain(self.certificate, self.key, password=lambda: "")
+            ends.append(context.wrap_bio(read, write, server_side=context is server))
+        for end in ends * 3:  # more turns than a handshake has
+            try:
+                end.do_handshake()
+            except ssl.SSLWantReadError:
+                continue
+            except ssl.SSLError as error:
+                reason = getattr(error, "verify_message", "") or error.reason
+                problem = f"a router that trusts {self.ca} refuses {self.certificate} ({reason})"
+                remedy = "Make it anew: srl keys FOLDER NAME --host HOST"
+                raise ProfileError(f"{place}.certificate", problem, remedy) from None

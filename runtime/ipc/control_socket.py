@@ -4,6 +4,9 @@ Datagrams are JSON: {"ask": "reset", "expires": CLOCK_MONOTONIC ns}; {"ask": "ex
 "cause". {"ask": "note", "text": ...} of a process of the run becomes an event. The loop answers to the sender's own
 address. The kernel tells it the sender's process and user.
 
+That address is an abstract one, and so of a network namespace, though the run folder isn't. No answer reaches a sender
+in another one (a container), nor one that got no address. It finds the answer in the loop's rows.
+
 What stops goes to a socket of its own, where every datagram stops: so no flood of other requests can leave a stop
 without room in the kernel's queue, and a flood of stops is one. `srl.runtime.loop.request_queue` is the loop's side.
 """
@@ -20,6 +23,7 @@ from typing import Any
 from srl.runtime.ipc.run_folder import RunFolder
 
 RETRY = 0.02  # s between attempts to reach a loop that is about to begin
+LOOK = 0.1  # s without an answer after which the loop's rows are looked at
 NOTE = 400  # bytes of a note's text
 NOTES = 5  # that the loop takes at once, and then as many a second
 DATAGRAM = 512  # bytes; a longer one is no request
@@ -42,7 +46,8 @@ def send_request(
             now.
         through: the socket of somebody who looks at a start or reset before the loop does.
     Returns:
-        The loop's answer; None if there was none in time.
+        The loop's answer, as it sends it or as its rows tell it; None if there was none in time. Then it may still have
+        been carried out.
     """
     message: dict[str, Any] = {"ask": what} | ({"cause": cause} if cause else {})
     if what not in STOPS:
@@ -60,11 +65,36 @@ def send_request(
             _connect(sender, through or _end(run_folder, what), what, deadline)
             with contextlib.suppress(OSError):  # any local user can hold all addresses; then no answer comes
                 sender.bind("")  # an abstract address of its own, for the answer
+            sent = time.monotonic_ns()
             sender.send(json.dumps(message).encode())
-            answer: dict[str, object] = json.loads(sender.recv(2048))
+            return _answer(sender, run_folder, what, sent, timeout)
         except (OSError, ValueError):
             return None
-        return answer
+
+
+def _answer(
+    sender: socket.socket, run_folder: RunFolder, what: str, sent: int, timeout: float
+) -> dict[str, object] | None:
+    """Raises OSError, ValueError: there is none in time, or not from the loop."""
+    deadline = time.monotonic() + timeout
+    while True:
+        left = deadline - time.monotonic()
+        sender.settimeout(min(max(left, 0.0), LOOK))
+        try:
+            answer: dict[str, object] = json.loads(sender.recv(2048))
+            return answer
+        except (BlockingIOError, TimeoutError):
+            if timeout == 0.0:
+                raise
+        from srl.runtime.ipc import answers  # it brings NumPy, and a stop is sent before that is loaded
+        from srl.runtime.ipc.requests import RequestKind
+
+        found = answers.in_rows(run_folder, RequestKind[what.upper()], sent)
+        # A refusal may be that of another's request of this kind: the loop has until the end to grant this one.
+        if found is not None and (found["ok"] or left <= LOOK):
+            return found
+        if left <= LOOK:
+            return None
 
 
 def send_note(run_folder: RunFolder, text: str) -> bool:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from srl.runtime.ipc import latches
+from srl.runtime.ipc import answers
 from srl.runtime.ipc.control_socket import LIFETIME
 from srl.runtime.ipc.header import CLIENTS, DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, Request, RequestKind, RequestReader, permitted
@@ -29,17 +29,6 @@ _MOVES = {"start": RequestKind.START, "reset": RequestKind.RESET}
 _CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # causes that the supervisor may give
 _DATAGRAMS = 4  # datagrams read in one cycle of each socket: a flood of them must not delay the loop
 _WAITING = 64  # requests of one origin in the queue, and senders that wait for the same stop
-_ANSWERS = {
-    Answer.REFUSED_STATE: "not possible in this state",
-    Answer.REFUSED_FAULT: "what caused the stop is still there; a device that refuses to move was told to recover",
-    Answer.REFUSED_VALUE: "the value isn't finite, in bounds and of the right size",
-    Answer.REFUSED_LATCH: "it may not end this stop",
-    Answer.REFUSED_RATE: "too many requests, more than 5 a second",
-    Answer.EXPIRED: "the request came too late, or doesn't say until when it is valid",
-    Answer.OVERTAKEN: "a stop came after it",
-    Answer.REFUSED_UNMEASURED: "nothing measures where the limb is now. End the run, put it near its home, begin again",
-    Answer.REFUSED_KEPT: "what stands can't be released in this run, as an emergency input isn't read; use `srl run`",
-}
 
 
 @dataclass(slots=True)
@@ -275,11 +264,7 @@ class RequestQueue:
         """Answers a request from a socket. Senders through the ring read the row instead."""
         if pending.end is None or not pending.senders:
             return
-        done = pending.answer is Answer.DONE
-        content = {"ok": done, "state": state.name.lower(), "cause": cause.name.lower(), "fault_source": fault_source}
-        content["latches"] = latches.names(latched)
-        if not done:
-            content["error"] = _ANSWERS.get(pending.answer, "refused")
+        content = answers.content(pending.answer, state, cause, fault_source, latched)
         for sender in pending.senders:
             pending.end.answer(sender, content)
 

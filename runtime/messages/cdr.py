@@ -1,7 +1,7 @@
 """ROS 2's Common Data Representation (XCDR1, little endian) of the standard messages that bus and exports use.
 
-A message is a dict of its fields. Sequences and arrays of numbers are numpy arrays. `TYPES` holds the message
-definitions; one encoder and one decoder follow it.
+A message is a dict of its fields. Sequences and arrays of numbers are numpy arrays; to be encoded, a sequence of points
+or colours may be one, too: (n, 3), (n, 4). One encoder and one decoder follow the definitions in `TYPES`.
 
 A payload begins with the 4-byte encapsulation header `00 01 00 00`. Alignment counts from the byte after it.
 Every number is aligned to its own size. A string is its length with the final NUL (uint32), its bytes, NUL. A
@@ -20,118 +20,21 @@ from typing import Any
 import numpy as np
 
 from srl.runtime.contracts.errors import RequestError, nearest
+from srl.runtime.messages.definitions import TYPES
 
 HEADER = b"\x00\x01\x00\x00"
 LONGEST = 1 << 20  # bytes; a longer payload is refused
 
-_XYZ = (("x", "float64"), ("y", "float64"), ("z", "float64"))
-_HEADER = ("header", "std_msgs/msg/Header")
-
-# Message definitions: (field, type). A type ends in [] for a sequence, in [n] for an array.
-TYPES: dict[str, tuple[tuple[str, str], ...]] = {
-    "builtin_interfaces/msg/Time": (("sec", "int32"), ("nanosec", "uint32")),
-    "builtin_interfaces/msg/Duration": (("sec", "int32"), ("nanosec", "uint32")),
-    "std_msgs/msg/Header": (("stamp", "builtin_interfaces/msg/Time"), ("frame_id", "string")),
-    "std_msgs/msg/Bool": (("data", "bool"),),
-    "std_msgs/msg/String": (("data", "string"),),
-    "std_msgs/msg/MultiArrayDimension": (("label", "string"), ("size", "uint32"), ("stride", "uint32")),
-    "std_msgs/msg/MultiArrayLayout": (
-        ("dim", "std_msgs/msg/MultiArrayDimension[]"),
-        ("data_offset", "uint32"),
-    ),
-    "std_msgs/msg/Int64MultiArray": (("layout", "std_msgs/msg/MultiArrayLayout"), ("data", "int64[]")),
-    "std_msgs/msg/Float64MultiArray": (("layout", "std_msgs/msg/MultiArrayLayout"), ("data", "float64[]")),
-    "geometry_msgs/msg/Point": _XYZ,
-    "geometry_msgs/msg/Vector3": _XYZ,
-    "geometry_msgs/msg/Quaternion": (*_XYZ, ("w", "float64")),
-    "geometry_msgs/msg/Pose": (
-        ("position", "geometry_msgs/msg/Point"),
-        ("orientation", "geometry_msgs/msg/Quaternion"),
-    ),
-    "geometry_msgs/msg/Twist": (
-        ("linear", "geometry_msgs/msg/Vector3"),
-        ("angular", "geometry_msgs/msg/Vector3"),
-    ),
-    "geometry_msgs/msg/Wrench": (
-        ("force", "geometry_msgs/msg/Vector3"),
-        ("torque", "geometry_msgs/msg/Vector3"),
-    ),
-    "geometry_msgs/msg/PointStamped": (_HEADER, ("point", "geometry_msgs/msg/Point")),
-    "geometry_msgs/msg/PoseStamped": (_HEADER, ("pose", "geometry_msgs/msg/Pose")),
-    "geometry_msgs/msg/TwistStamped": (_HEADER, ("twist", "geometry_msgs/msg/Twist")),
-    "geometry_msgs/msg/WrenchStamped": (_HEADER, ("wrench", "geometry_msgs/msg/Wrench")),
-    "geometry_msgs/msg/PoseWithCovariance": (
-        ("pose", "geometry_msgs/msg/Pose"),
-        ("covariance", "float64[36]"),
-    ),
-    "geometry_msgs/msg/TwistWithCovariance": (
-        ("twist", "geometry_msgs/msg/Twist"),
-        ("covariance", "float64[36]"),
-    ),
-    "geometry_msgs/msg/Transform": (
-        ("translation", "geometry_msgs/msg/Vector3"),
-        ("rotation", "geometry_msgs/msg/Quaternion"),
-    ),
-    "geometry_msgs/msg/TransformStamped": (
-        _HEADER,
-        ("child_frame_id", "string"),
-        ("transform", "geometry_msgs/msg/Transform"),
-    ),
-    "std_srvs/srv/Trigger_Response": (("success", "bool"), ("message", "string")),
-    "tf2_msgs/msg/TFMessage": (("transforms", "geometry_msgs/msg/TransformStamped[]"),),
-    "rcl_interfaces/msg/Log": (
-        ("stamp", "builtin_interfaces/msg/Time"),
-        ("level", "uint8"),
-        ("name", "string"),
-        ("msg", "string"),
-        ("file", "string"),
-        ("function", "string"),
-        ("line", "uint32"),
-    ),
-    "nav_msgs/msg/Odometry": (
-        _HEADER,
-        ("child_frame_id", "string"),
-        ("pose", "geometry_msgs/msg/PoseWithCovariance"),
-        ("twist", "geometry_msgs/msg/TwistWithCovariance"),
-    ),
-    "sensor_msgs/msg/JointState": (
-        _HEADER,
-        ("name", "string[]"),
-        ("position", "float64[]"),
-        ("velocity", "float64[]"),
-        ("effort", "float64[]"),
-    ),
-    "trajectory_msgs/msg/JointTrajectoryPoint": (
-        ("positions", "float64[]"),
-        ("velocities", "float64[]"),
-        ("accelerations", "float64[]"),
-        ("effort", "float64[]"),
-        ("time_from_start", "builtin_interfaces/msg/Duration"),
-    ),
-    "trajectory_msgs/msg/JointTrajectory": (
-        _HEADER,
-        ("joint_names", "string[]"),
-        ("points", "trajectory_msgs/msg/JointTrajectoryPoint[]"),
-    ),
-    "sensor_msgs/msg/Joy": (_HEADER, ("axes", "float32[]"), ("buttons", "int32[]")),
-    "diagnostic_msgs/msg/KeyValue": (("key", "string"), ("value", "string")),
-    "diagnostic_msgs/msg/DiagnosticStatus": (
-        ("level", "uint8"),
-        ("name", "string"),
-        ("message", "string"),
-        ("hardware_id", "string"),
-        ("values", "diagnostic_msgs/msg/KeyValue[]"),
-    ),
-    "diagnostic_msgs/msg/DiagnosticArray": (_HEADER, ("status", "diagnostic_msgs/msg/DiagnosticStatus[]")),
-}
-
 _NUMBERS = {
     name: (struct.Struct(f"<{code}"), np.dtype(f"<{kind}"))
     for name, code, kind in (
+        ("int8", "b", "i1"),
         ("uint8", "B", "u1"),
+        ("uint16", "H", "u2"),
         ("int32", "i", "i4"),
         ("uint32", "I", "u4"),
         ("int64", "q", "i8"),
+        ("uint64", "Q", "u8"),
         ("float32", "f", "f4"),
         ("float64", "d", "f8"),
     )
@@ -146,6 +49,15 @@ def _split(kind: str) -> tuple[str, int | None]:
     """Splits a type: "float64[36]" gives ("float64", 36). The count is 0 for a sequence, None for one element."""
     match = _ARRAY.fullmatch(kind)
     return (kind, None) if match is None else (match[1], int(match[2] or 0))
+
+
+@cache
+def _numbers(kind: str) -> np.dtype[Any] | None:
+    """The type of a number, or of all the numbers of a message that holds nothing else; None of any other."""
+    if kind in _NUMBERS:
+        return _NUMBERS[kind][1]
+    kinds = {inner for _, inner in TYPES.get(kind, ())}
+    return _NUMBERS[kinds.pop()][1] if len(kinds) == 1 and kinds <= _NUMBERS.keys() else None
 
 
 @cache
@@ -188,8 +100,8 @@ def _write(out: bytearray, kind: str, value: Any) -> None:
             raise ValueError(f"{kind}: {len(value)} elements")
         if not count:
             _write(out, "uint32", len(value))
-        if base in _NUMBERS:
-            dtype = _NUMBERS[base][1]
+        dtype = _numbers(base)
+        if dtype is not None and (base in _NUMBERS or isinstance(value, np.ndarray)):
             if len(value):
                 _pad(out, dtype.itemsize)
                 out += np.asarray(value, dtype).tobytes()

@@ -46,6 +46,10 @@ _STAMPED: dict[tuple[str, tuple[int, ...]], str] = {
 }
 LONGEST_VALUES = 1 << 16  # bytes of a client's payload
 DIMENSIONS = 32  # of an array, at most
+UNIT = 0.01  # by which a quaternion's length may differ from 1
+# Of a JointState, the field that holds values of a unit.
+_OF_UNIT = {"rad": "position", "m": "position", "1": "position", "rad/s": "velocity", "m/s": "velocity",
+            "N m": "effort", "N": "effort"}  # fmt: skip
 _SENTINEL = -1.2345678901234567e99  # used to find the place of the first value in a payload
 
 
@@ -190,14 +194,16 @@ def describe(field: Field) -> dict[str, Any]:
     }
 
 
-def read_values(payload: bytes, declared: str, field: Field, place: str) -> Array:
+def read_values(payload: bytes, declared: str, field: Field, place: str, rest: Array | None = None) -> Array:
     """Reads the values of a client's payload for a signal and checks that their number fits and all are finite.
 
     Args:
-        payload: JSON (a number or a list) or CDR (Float64MultiArray, or JointState's position).
+        payload: JSON (a number or a list) or CDR: Float64MultiArray, a JointState with the field that is in the
+            signal's unit, or the signal's own type.
         declared: the sample's zenoh encoding; if it declares none, the payload's first bytes decide.
         field: the signal.
         place: the key, for the error.
+        rest: (field.size,): what joints get that a JointState leaves out; None: it must name all.
     Returns:
         (field.size,) float64.
     Raises:
@@ -207,7 +213,7 @@ def read_values(payload: bytes, declared: str, field: Field, place: str) -> Arra
         raise RequestError(place, f"the payload has {len(payload)} bytes", f"Send {LONGEST_VALUES} at most")
     kind = declared.partition(";")[2] if declared.startswith("application/cdr") else ""
     if kind or cdr.is_cdr(payload):
-        values = _from_cdr(payload, kind, field, place)
+        values = _from_cdr(payload, kind, field, place, rest)
     else:
         values = np.asarray(_from_json(payload, place), np.float64).ravel()
     if values.size != field.size:
@@ -218,10 +224,13 @@ def read_values(payload: bytes, declared: str, field: Field, place: str) -> Arra
         )
     if not np.isfinite(values).all():
         raise RequestError(place, "a value is NaN or infinite", "Send finite numbers")
-    return values.ravel()
+    values = values.ravel()
+    if kind_of(field) == POSE and not abs((norm := float(np.linalg.norm(values[3:]))) - 1.0) < UNIT:
+        raise RequestError(place, f"the quaternion has the length {norm:.4g}", "Send a unit quaternion")
+    return values
 
 
-def _from_cdr(payload: bytes, kind: str, field: Field, place: str) -> Array:
+def _from_cdr(payload: bytes, kind: str, field: Field, place: str, rest: Array | None) -> Array:
     if not kind:
         try:
             return values_of(MULTI_ARRAY, cdr.decode(MULTI_ARRAY, payload))
@@ -230,15 +239,28 @@ def _from_cdr(payload: bytes, kind: str, field: Field, place: str) -> Array:
     message = cdr.decode(kind, payload)
     if kind == MULTI_ARRAY:
         return values_of(kind, message)
+    if kind != JOINT_STATE and kind == kind_of(field):
+        frame, given = field.frame or "", message["header"]["frame_id"]
+        if given != frame:
+            raise RequestError(place, f"its frame_id is '{given}'", f"Send it in the signal's frame, '{frame}'")
+        return values_of(kind, message)
     if kind != JOINT_STATE:
         raise RequestError(place, f"a setpoint can't be a {kind}", f"Send {MULTI_ARRAY}, {JOINT_STATE} or a JSON list")
-    position: Array = message["position"]
+    if (part := _OF_UNIT.get(field.unit)) is None:
+        raise RequestError(place, f"a JointState has nothing in {field.unit}", f"Send {MULTI_ARRAY} or a JSON list")
+    values: Array = message[part]
     names = message["name"]
+    if not values.size:
+        raise RequestError(place, f"its field '{part}' is empty", f"Give the joints' {part}, in {field.unit}")
     if field.labels and names:
-        if sorted(names) != sorted(field.labels) or len(names) != position.size:
+        complete = sorted(names) == sorted(field.labels)
+        some = rest is not None and len(set(names)) == len(names) and set(names) <= set(field.labels)
+        if not (complete or some) or len(names) != values.size:
             raise RequestError(place, f"the joints are {', '.join(names)}", f"Name these: {', '.join(field.labels)}")
-        position = position[[names.index(label) for label in field.labels]]
-    return position
+        whole = np.zeros(field.size) if rest is None else rest.copy()
+        whole[[field.labels.index(name) for name in names]] = values
+        return whole
+    return values
 
 
 def _from_json(payload: bytes, place: str) -> Any:

@@ -29,7 +29,12 @@ class Ros2Config(BaseModel):
     distribution: Literal["humble", "jazzy", "kilted", "lyrical"] = Field("jazzy", description="of the ROS 2 peers")
     rate: float = Field(50.0, gt=0.0, le=1000.0, description="Hz, at which topics are published, at most")
     commands: bool = Field(
-        False, description="whether any peer of the router may start, stop, reset the limb and send its setpoints"
+        False,
+        description="whether any peer of the router may start, stop, reset the limb, send its setpoints and set its "
+        "parameters",
+    )
+    allow_partial_joints_goal: bool = Field(
+        False, description="whether a command may leave joints out, which then stay where they were sent last"
     )
 
 

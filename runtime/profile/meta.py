@@ -17,6 +17,7 @@ from srl.runtime.contracts.signals import Signal
 from srl.runtime.contracts.terms import POSE
 from srl.runtime.contracts.world import Fake
 from srl.runtime.profile.graph import Law
+from srl.runtime.profile.names import Link
 from srl.runtime.profile.plots import indices, split
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
@@ -61,13 +62,37 @@ def describe(
             for n, p in parameters
         ],
         "emergency": [f"{e.signal}[{e.find(signals, '')}]" for e in profile.emergency],
-        "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
+        "setpoints": [
+            {"name": n, "max_age": e.max_age, "moves": _moves(n, laws, devices, signals)}
+            for n, e in profile.setpoints.items()
+        ],
         "frames": {n: f.model_dump() for n, f in _seen(frames, signals).items()},
         "scenery": scenery,
         "bus": profile.bus.model_dump() if profile.bus is not None else None,
         "record": {"plots": _plots(profile, source, signals, simulated)}
         | ({} if profile.record.keep is None else {"keep": profile.record.keep.model_dump()}),
     }
+
+
+def _moves(
+    setpoint: str, laws: list[Law], devices: list[Driver], signals: Mapping[str, Signal]
+) -> str | None:  # fmt: skip
+    """The command of the one device to which a setpoint is passed on as it is, joint by joint; None: there is none."""
+
+    def as_it_is(link: Link, name: str) -> bool:
+        rows = link.rows or ()
+        near = zip(link.near.labels, rows, strict=False)
+        return link.far == (name,) and all(label == signals[far].labels[row] for label, (far, row) in near)
+
+    readers = [(law, name, link) for law in laws for name, link in law.inputs.items() if setpoint in link.far]
+    if len(readers) != 1:
+        return None
+    law, name, link = readers[0]
+    given = law.outputs.get(law.controller.passes.get(name, ""))
+    for command in [f"{d.name}.{c.name}" for d in devices for c in d.commands]:
+        if given is not None and as_it_is(link, setpoint) and as_it_is(given, command):
+            return command
+    return None
 
 
 def _seen(frames: Frames, signals: Mapping[str, Signal]) -> dict[str, FrameEntry]:

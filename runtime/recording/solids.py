@@ -55,7 +55,8 @@ class Solids:
         things: in the order of their signals; then the robots, by the names of their devices.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, with_robots: bool = True) -> None:
+        """`with_robots`: False where something else draws them."""
         self._layout = layout
         self._standing = FixedRobots(layout)
         self._fields = [field for field in visuals(layout) if field.name not in self._standing.hidden]
@@ -65,10 +66,9 @@ class Solids:
             replace(_thing(field, numbers[field.name]), law=field.role == "internal") for field in self._fields
         ]
         first = 1 + max((number for each in numbers.values() for number in each), default=-1)
-        self.things += [
-            Thing(robot.name, False, (first + i,), solid=True) for i, robot in enumerate(self._standing.robots)
-        ]
-        self._links = [link_capsules(robot.linkage) for robot in self._standing.robots]
+        drawn = self._standing.robots if with_robots else []
+        self.things += [Thing(robot.name, False, (first + i,), solid=True) for i, robot in enumerate(drawn)]
+        self._links = [link_capsules(robot.linkage) for robot in drawn]
 
     def of(self, row: NDArray[np.int64]) -> list[Array]:
         """What each thing is in a row (width,): points (k, 3), or capsules (k, 8) as terms.CAPSULE says, m.
@@ -87,7 +87,7 @@ class Solids:
             for at in (0,) if thing.points else (0, 3):
                 rows[:, at : at + 3] = rows[:, at : at + 3] @ T[:3, :3].T + T[:3, 3]
             found.append(rows)
-        for places, (numbers, shapes) in zip(self._standing.of(row), self._links, strict=True):
+        for places, (numbers, shapes) in zip(self._standing.of(row) if self._links else (), self._links, strict=True):
             T, rows = places[numbers], shapes.copy()
             for at in (0, 3):
                 rows[:, at : at + 3] = (T[:, :3, :3] @ rows[:, at : at + 3, None])[..., 0] + T[:, :3, 3]

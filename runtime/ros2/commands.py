@@ -1,4 +1,4 @@
-"""What peers of ROS 2 may ask for, where the profile lets them: start, stop, reset, setpoints and trajectories.
+"""What peers of ROS 2 may ask for: parameters, and where the profile lets them start, stop, reset and setpoints.
 
 It goes through the bus's own socket, by three clients: a stop waits for no request, and a setpoint for none of both.
 """
@@ -23,16 +23,24 @@ from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.messages import cdr, messages
+from srl.runtime.profile.bus import Ros2Config
 from srl.runtime.profile.keys import COMMANDS
 from srl.runtime.ros2.follower import Follower
+from srl.runtime.ros2.goals import Goals
 from srl.runtime.ros2.inbox import Inbox, Item
 from srl.runtime.ros2.names import TRAJECTORY, TRIGGER, topic
 from srl.runtime.ros2.node import Call, Node
+from srl.runtime.ros2.parameters import Parameters
 
 Payload = Callable[[zenoh.Sample], bytes | None]
 RESPONSE: Final = "std_srvs/srv/Trigger_Response"
 TOLD: Final = 1_000_000_000  # ns between two lines about what was refused
 LONGEST_LINE: Final = 300  # characters, as the text may be a peer's
+# The last part of a setpoint's topics, by type.
+TOPICS: Final = {
+    messages.MULTI_ARRAY: "commands", messages.JOINT_STATE: "joint_commands", messages.POSE: "pose_commands",
+    messages.TWIST: "twist_commands", messages.WRENCH: "wrench_commands",
+}  # fmt: skip
 
 
 class _Bus:
@@ -64,31 +72,38 @@ class _Bus:
 class Commands:
     """The services and subscriptions of a node."""
 
-    def __init__(self, node: Node, folder: RunFolder, layout: Layout, counts: Counts) -> None:
+    def __init__(self, node: Node, folder: RunFolder, layout: Layout, counts: Counts, config: Ros2Config) -> None:
         """`counts`: of the diagnostics, in which refused setpoints are counted."""
-        self._layout, self._counts = layout, counts
-        self._stop, self._requests, self._setpoints = _Bus(folder), _Bus(folder), _Bus(folder)
+        self._layout, self._counts, self._partial = layout, counts, config.allow_partial_joints_goal
+        # A client each, for what waits for the other in none of the inbox's lanes.
+        self._stop, self._requests, self._setpoints, self._parameters = (_Bus(folder) for _ in range(4))
         self._inbox = Inbox()
         self._told = 0
+        self._row: NDArray[np.int64] | None = None
         self._followers: dict[str, Follower] = {}  # by setpoint
-        for name in COMMANDS:
-            hand_over = self._inbox.stops if name == "stop" else self._inbox.requests
-            node.service(name, TRIGGER, hand_over(partial(self._trigger, name)))
-        for entry in layout.meta.get("setpoints", []):
-            self._subscribe(node, entry["name"], entry["max_age"])
+        if config.commands:
+            for name in COMMANDS:
+                hand_over = self._inbox.stops if name == "stop" else self._inbox.requests
+                node.service(name, TRIGGER, hand_over(partial(self._trigger, name)))
+            for entry in layout.meta.get("setpoints", []):
+                self._subscribe(node, entry["name"], entry["max_age"])
+        # Parameters may be read where nothing may be commanded.
+        Parameters(node, self._inbox, layout, lambda: self._row, self._change if config.commands else None)
 
     def _subscribe(self, node: Node, name: str, max_age: float) -> None:
         newest = self._inbox.newest
-        for kind, last in ((messages.MULTI_ARRAY, "commands"), (messages.JOINT_STATE, "joint_commands")):
-            where = f"{topic(name)}/{last}"
+        own = messages.kind_of(self._layout.fields[name])
+        for kind in dict.fromkeys((messages.MULTI_ARRAY, messages.JOINT_STATE, own)):
+            where = f"{topic(name)}/{TOPICS[kind]}"
             payload = partial(node.payload, topic=where, kind=kind)
             node.subscribe(where, kind, newest(partial(self._setpoint, name, kind, max_age, payload)))
-        follower = Follower(self._layout, name, partial(self._send, name), self._refuse)
+        follower = Follower(self._layout, name, partial(self._send, name), self._refuse, self._partial)
         if follower.able:
             self._followers[name] = follower
             where = f"{topic(name)}/joint_trajectory"
             payload = partial(node.payload, topic=where, kind=TRAJECTORY)
             node.subscribe(where, TRAJECTORY, newest(partial(self._trajectory, follower, payload)))
+            Goals(node, self._inbox, follower, topic(name), self._refuse)
 
     def turn(self, rows: NDArray[np.int64], row: NDArray[np.int64] | None, lost: int, now: int) -> None:
         """Goes on with the trajectories.
@@ -99,6 +114,7 @@ class Commands:
             lost: rows that were overwritten before they were read, so far.
             now: CLOCK_MONOTONIC ns.
         """
+        self._row = row
         for follower in self._followers.values():
             follower.turn(rows, row, lost, now)
 
@@ -109,7 +125,9 @@ class Commands:
         try:
             if name != "stop" and self._inbox.overtaken(item):
                 raise RequestError(name, "a stop came after it", "Ask again")
-            (self._stop if name == "stop" else self._requests).ask(lambda client: client.command(name))
+            # The bus judges by when it came here: a stop that comes now goes another way, and may be there first.
+            ask = (self._stop if name == "stop" else self._requests).ask
+            ask(lambda client: client.command(name, None if name == "stop" else item.came))
         except SrlError as error:
             call.answer(cdr.encode(RESPONSE, {"success": False, "message": str(error)}))
         else:
@@ -121,19 +139,23 @@ class Commands:
         if (content := payload(item.what)) is None:
             return
         try:
-            field, place = self._layout.fields[name], f"topic of '{name}'"
-            values = messages.read_values(content, messages.encoding(kind), field, place)
-            if name in self._followers:
-                self._followers[name].cancel("another command came")
+            field, place, follower = self._layout.fields[name], f"topic of '{name}'", self._followers.get(name)
+            rest = follower.where() if follower is not None and self._partial else None
+            values = messages.read_values(content, messages.encoding(kind), field, place, rest)
+            if follower is not None:
+                follower.cancel("another command came")
             self._send(name, values)
         except SrlError as error:
             self._refuse(str(error))
 
     def _trajectory(self, follower: Follower, payload: Payload, item: Item) -> None:
         if not self._inbox.overtaken(item) and (content := payload(item.what)) is not None:
-            follower.take(content, item.came, time.time_ns())
+            follower.take(content, item.came)
             if self._inbox.overtaken(item):
                 follower.cancel("a stop came")
+
+    def _change(self, name: str, value: float) -> None:
+        self._parameters.ask(lambda client: client.set_param(name, value))
 
     def _send(self, name: str, values: Array) -> None:
         self._setpoints.ask(lambda client: client.setpoint(name, values))
@@ -150,5 +172,5 @@ class Commands:
     def close(self) -> None:
         """Ends the threads and the sessions."""
         self._inbox.close()
-        for bus in (self._stop, self._requests, self._setpoints):
+        for bus in (self._stop, self._requests, self._setpoints, self._parameters):
             bus.close()

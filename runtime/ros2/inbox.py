@@ -1,4 +1,7 @@
-"""What peers ask, for two threads: a stop waits for nothing else, and what came before it isn't done after it."""
+"""What peers ask, in lanes of a thread each: a stop waits for nothing else, a cancellation and a command for no reader.
+
+What came before a stop isn't done after it.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,24 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from enum import Enum
 from typing import Any, Final, NamedTuple
 
 MOST: Final = 16  # requests that wait; more are dropped, as zenoh's own threads may never be held up
+
+
+TOLD: Final = 1_000_000_000  # ns between two lines about errors
+LONGEST_LINE: Final = 300  # characters, as the text may be a peer's
+
+
+class Lane(Enum):
+    """What waits for what: requests of one lane for each other."""
+
+    STOPS = "stops"
+    CANCELS = "cancels"
+    COMMANDS = "commands"
+    RESULTS = "results"
+    PARAMETERS = "parameters"
 
 
 class Item(NamedTuple):
@@ -31,14 +49,15 @@ class Inbox:
 
     def __init__(self) -> None:
         self.stopped = 0
-        self._stops: queue.Queue[tuple[Work, Item] | None] = queue.Queue(MOST)
-        self._others: queue.Queue[tuple[Work, Item] | None] = queue.Queue(2 * MOST)
+        # Setpoints and trajectories are commands, too, and need room beside requests.
+        self._queues: dict[Lane, queue.Queue[tuple[Work, Item] | None]] = {lane: queue.Queue(2 * MOST) for lane in Lane}
         self._newest: dict[Work, Item] = {}
         self._lock = threading.Lock()
-        self._threads = [
-            threading.Thread(target=self._serve, args=(q,), daemon=True) for q in (self._stops, self._others)
-        ]
-        for thread in self._threads:
+        self._told = 0
+        self._threads = {
+            lane: threading.Thread(target=self._serve, args=(q,), daemon=True) for lane, q in self._queues.items()
+        }
+        for thread in self._threads.values():
             thread.start()
 
     def stops(self, work: Work) -> Callable[[Any], None]:
@@ -46,16 +65,16 @@ class Inbox:
 
         def arrive(what: Any) -> None:
             self.stopped = time.monotonic_ns()
-            self._put(self._stops, work, Item(what, self.stopped))
+            self._put(Lane.STOPS, work, Item(what, self.stopped))
 
         return arrive
 
-    def requests(self, work: Work) -> Callable[[Any], None]:
-        """A callback that hands over a request, in order; beyond MOST it is dropped."""
+    def requests(self, work: Work, lane: Lane = Lane.COMMANDS) -> Callable[[Any], None]:
+        """A callback that hands over a request, in order; beyond MOST of the lane it is dropped."""
 
         def arrive(what: Any) -> None:
-            if self._others.qsize() < MOST:
-                self._put(self._others, work, Item(what, time.monotonic_ns()))
+            if self._queues[lane].qsize() < MOST:
+                self._put(lane, work, Item(what, time.monotonic_ns()))
 
         return arrive
 
@@ -72,7 +91,7 @@ class Inbox:
             with self._lock:
                 waits = work in self._newest
                 self._newest[work] = item
-            if not waits and not self._put(self._others, once, item):
+            if not waits and not self._put(Lane.COMMANDS, once, item):
                 with self._lock:
                     self._newest.pop(work, None)
 
@@ -82,29 +101,29 @@ class Inbox:
         """Whether a stop has come since."""
         return item.came <= self.stopped
 
-    @staticmethod
-    def _put(to: queue.Queue[tuple[Work, Item] | None], work: Work, item: Item) -> bool:
+    def _put(self, lane: Lane, work: Work, item: Item) -> bool:
         try:
-            to.put_nowait((work, item))
+            self._queues[lane].put_nowait((work, item))
         except queue.Full:
             return False
         return True
 
-    @staticmethod
-    def _serve(of: queue.Queue[tuple[Work, Item] | None]) -> None:
+    def _serve(self, of: queue.Queue[tuple[Work, Item] | None]) -> None:
         while (given := of.get()) is not None:
             work, item = given
             try:
                 work(item)
             except Exception as error:
-                print(f"ros2: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+                if (now := time.monotonic_ns()) >= self._told:
+                    self._told = now + TOLD
+                    print(f"ros2: {type(error).__name__}: {error}"[:LONGEST_LINE], file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Ends the threads, after what they are at."""
-        for q, thread in zip((self._stops, self._others), self._threads, strict=True):
+        for lane, thread in self._threads.items():
             while thread.is_alive():
                 try:
-                    q.put(None, timeout=0.1)
+                    self._queues[lane].put(None, timeout=0.1)
                     break
                 except queue.Full:
                     continue

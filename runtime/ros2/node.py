@@ -6,7 +6,6 @@ The session is a client of the router: all goes through it, and the node dials n
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable
 from functools import partial
@@ -19,7 +18,7 @@ from srl.runtime.bus.session import client_tls, has_subscriber
 from srl.runtime.contracts.tls import TlsConfig
 from srl.runtime.messages import attachment, messages
 from srl.runtime.profile.bus import Ros2Config
-from srl.runtime.ros2.names import NodeName, Qos, type_hash
+from srl.runtime.ros2.names import NodeName, Qos, definition, gid, type_hash
 
 LONGEST_MESSAGE = 1 << 17  # bytes of what a peer sends
 
@@ -27,9 +26,10 @@ LONGEST_MESSAGE = 1 << 17  # bytes of what a peer sends
 class Publisher:
     """A topic's publisher; each sample bears its number, time and sender."""
 
-    def __init__(self, publisher: Any, heard: Callable[[], bool]) -> None:
-        self._publisher, self._heard = publisher, heard
-        self._sent, self._sender = 0, os.urandom(16)
+    def __init__(self, publisher: Any, heard: Callable[[], bool], sender: bytes) -> None:
+        """`sender`: its gid."""
+        self._publisher, self._heard, self._sender = publisher, heard, sender
+        self._sent = 0
 
     @property
     def heard(self) -> bool:
@@ -48,6 +48,12 @@ class Call:
 
     def __init__(self, query: zenoh.Query, key: str) -> None:
         self._query, self._key = query, key
+
+    @property
+    def payload(self) -> bytes:
+        """The request's CDR."""
+        given = self._query.payload
+        return b"" if given is None else given.to_bytes()
 
     def answer(self, payload: bytes) -> None:
         """Replies with CDR: the reply bears the request's number and its sender."""
@@ -113,8 +119,7 @@ class Node:
             made = self.session.declare_publisher(key, **common)
             heard = partial(has_subscriber, made)
         self._declared.append(made)
-        self._announce("MP", topic, kind, qos)
-        return Publisher(made, heard)
+        return Publisher(made, heard, gid(self._announce("MP", topic, kind, qos)))
 
     def subscribe(self, topic: str, kind: str, take: Callable[[zenoh.Sample], None]) -> None:
         """Declares a subscription. `take` gets each sample, in a thread of zenoh's, and must not block."""
@@ -144,11 +149,16 @@ class Node:
     def _key(self, name: str, kind: str) -> str:
         return self.name.data_key(name, kind, type_hash(kind, self._distribution))
 
-    def _announce(self, role: str, name: str, kind: str, qos: Qos) -> None:
+    def definition(self, kind: str) -> str:
+        """The name in `cdr.TYPES` of a type as this node's distribution has it."""
+        return definition(kind, self._distribution)
+
+    def _announce(self, role: str, name: str, kind: str, qos: Qos) -> str:
         self._entities += 1
         hashed = type_hash(kind, self._distribution)
         alive = self.name.entity(self._entities, role, name, kind, hashed, qos)
         self._declared.append(self.session.liveliness().declare_token(alive))
+        return alive
 
     def close(self) -> None:
         """Ends the session: all tokens go."""

@@ -153,8 +153,8 @@ class Ros2:
 
     def _take_commands(self) -> None:
         """Announces what peers may ask for, once the bus is there to pass it on."""
-        if self._node is not None and self._config.commands and self._folder.bus_socket.exists():
-            self._commands = Commands(self._node, self._folder, self._layout, self._reporter.counts)
+        if self._node is not None and self._folder.bus_socket.exists():
+            self._commands = Commands(self._node, self._folder, self._layout, self._reporter.counts, self._config)
 
     def close(self) -> None:
         """Ends the sessions."""

@@ -26,37 +26,47 @@ class Trajectory:
     It begins at rest where the joints are; a first point at 0 s must say the same, and its velocity doesn't count.
     """
 
-    def __init__(self, message: dict[str, Any], names: Sequence[str], start: Array, place: str) -> None:
+    def __init__(
+        self, message: dict[str, Any], names: Sequence[str], start: Array, place: str, partial: bool = False
+    ) -> None:  # fmt: skip
         """
         Args:
             message: the decoded message.
             names: of the joints; the message names the same ones, in any order.
             start: (n,) rad or m, where they are now, at rest.
             place: for the error.
+            partial: whether the message may leave joints out, which then stay where they are.
         Raises:
             RequestError: it can't be followed.
         """
         given = list(message["joint_names"])
-        if sorted(given) != sorted(names):
-            raise RequestError(place, f"it is for {', '.join(given) or 'no joint'}", f"Name all of {', '.join(names)}")
+        fits = len(set(given)) == len(given) > 0 and set(given) <= set(names)
+        if not fits or (len(given) != len(names) and not partial):
+            remedy = f"Name {'some' if partial else 'all'} of {', '.join(names)}"
+            raise RequestError(place, f"it is for {', '.join(given) or 'no joint'}", remedy)
         points = message["points"]
         if not 0 < len(points) <= MOST_POINTS:
             raise RequestError(place, f"it has {len(points)} points", f"Send 1 to {MOST_POINTS}")
-        order, n = [given.index(name) for name in names], len(names)
-        times, rows = [0.0], [[np.asarray(start, float), np.zeros(n), np.zeros(n)]]
+        order, n, count = [names.index(name) for name in given], len(names), len(given)
+        at_rest = [np.asarray(start, float), np.zeros(n), np.zeros(n)]
+        times, rows = [0.0], [at_rest]
         degree = 5
         for i, point in enumerate(points):
             time = point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"]
             values = [np.asarray(point[what], float) for what in ("positions", "velocities", "accelerations")]
-            if len(values[0]) != n or any(len(v) not in (0, n) for v in values[1:]):
-                raise RequestError(place, f"point {i + 1} hasn't {n} positions", "Give each joint one, or none at all")
+            if len(values[0]) != count or any(len(v) not in (0, count) for v in values[1:]):
+                problem = f"point {i + 1} hasn't {count} positions"
+                raise RequestError(place, problem, "Give each joint one, or none at all")
             if not all(np.isfinite(v).all() for v in values):
                 raise RequestError(place, f"point {i + 1} has a number that isn't finite", "Send finite numbers")
             if not times[-1] < time <= LONGEST and not (i == 0 and time == 0.0):
                 problem = f"the time of point {i + 1} is {time:g} s"
                 raise RequestError(place, problem, "Let times rise, to 600 s at most")
             degree = min(degree, 1 if not len(values[1]) else 3 if not len(values[2]) else 5)
-            row = [v[order] if len(v) else np.zeros(n) for v in values]
+            row = [rest.copy() for rest in at_rest]
+            for target, v in zip(row, values, strict=True):
+                if len(v):
+                    target[order] = v
             if time > 0.0:
                 times.append(time)
                 rows.append(row)
@@ -76,11 +86,15 @@ class Trajectory:
         """Position and velocity (n,) at `time` s; the last point from `end` on."""
         if time >= self.end:
             return self._last, np.zeros_like(self._last)
-        i = max(int(np.searchsorted(self._times, time, "right")) - 1, 0)
+        i = self.index(time)
         s, T = (max(time, 0.0) - self._times[i]) / self._spans[i], self._spans[i]
         powers = s ** np.arange(6)
         slopes = np.arange(1, 6) * powers[:5]
         return self._c[i] @ powers, self._c[i][:, 1:] @ slopes / T
+
+    def index(self, time: float) -> int:
+        """Of the segment at `time` s, from 0."""
+        return min(max(int(np.searchsorted(self._times, time, "right")) - 1, 0), len(self._spans) - 1)
 
     def check(self, lower: Array, upper: Array, velocity: Array, names: Sequence[str], place: str) -> None:
         """Raises RequestError where it leaves these limits, (n,), at any instant.

@@ -20,7 +20,7 @@ from srl.runtime.messages.messages import time_of
 from srl.runtime.recording.robots import Robot
 from srl.runtime.recording.shapes import Placing
 
-ROOT: Final = "root"  # the parent of a measured frame that has none
+ROOT: Final = "root"  # where nothing else has a name for it
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,12 @@ class Edge:
 
 
 class Tree:
-    """The edges. Each child is there once; `roots` have no parent."""
+    """The edges. Each child is there once; `roots` have no parent.
+
+    Attributes:
+        root: the frame in which what has no frame is: the profile's first that is fixed and has no parent, else the
+            only robot's, else ROOT.
+    """
 
     def __init__(self, layout: Layout, robots: list[Robot]) -> None:
         self._layout = layout
@@ -58,10 +63,14 @@ class Tree:
                 up = frame_of(robot, link.parent) if link.parent >= 0 else robot.on or robot.name
                 child = frame_of(robot, number)
                 found.setdefault(child, Edge(up, child, link.pose, robot, number))
-        for name, entry in Placing(layout).frames.items():
+        frames = Placing(layout).frames
+        fixed = [name for name, entry in frames.items() if entry.parent is None and entry.pose not in layout.fields]
+        standing = {edge.parent for edge in found.values()} - found.keys() if not frames else set()
+        self.root = fixed[0] if fixed else standing.pop() if len(standing) == 1 else ROOT
+        for name, entry in frames.items():
             signal = entry.pose if entry.pose in layout.fields else None
             if entry.parent is not None or signal is not None:
-                found.setdefault(name, Edge(entry.parent or ROOT, name, entry.placed(), signal=signal or ""))
+                found.setdefault(name, Edge(entry.parent or self.root, name, entry.placed(), signal=signal or ""))
         self.edges = tuple(found.values())
         self._moving = [edge for edge in self.edges if edge.moves]
         parents = dict.fromkeys(edge.parent for edge in self.edges)

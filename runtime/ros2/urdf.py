@@ -20,13 +20,14 @@ ROOT: Final = "srl_root"  # the link that several trees hang on; tf doesn't have
 FAR: Final = 1e3  # m, m/s, N, N m: where nobody has given a limit
 
 
-def description(name: str, layout: Layout, tree: Tree, joints: Joints) -> str:
+def description(name: str, layout: Layout, tree: Tree, joints: Joints, meshes: bool = True) -> str:
     """The URDF.
 
     Args:
         name: of the robot.
         layout: of the rows, with the guard's limits of each command.
         tree, joints: links and joints, by their names in ROS.
+        meshes: whether a link has the visual elements of its own file; else it has plain shapes, which need no file.
     """
     limits = {
         command: {**found, "labels": layout.fields[command].labels}
@@ -35,7 +36,7 @@ def description(name: str, layout: Layout, tree: Tree, joints: Joints) -> str:
     }
     robot = ET.Element("robot", name=name)
     own = {edge.child: edge for edge in tree.edges}
-    visuals, materials = _files(edge.robot for edge in tree.edges if edge.robot is not None)
+    visuals, materials = _files(edge.robot for edge in tree.edges if edge.robot is not None and meshes)
     robot.extend(materials)
     if len(tree.roots) > 1:
         ET.SubElement(robot, "link", name=ROOT)

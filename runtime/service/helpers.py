@@ -112,7 +112,9 @@ def spawn(command: list[str], run_folder: RunFolder, *descriptors: int) -> subpr
         )
 
 
-def helpers(run_folder: RunFolder, bus: BusConfig | None, record: Path | None, view: bool) -> list[Helper]:
+def helpers(
+    run_folder: RunFolder, bus: BusConfig | None, record: Path | None, view: bool, foxglove: bool = False
+) -> list[Helper]:
     """The telemetry processes of a run."""
     found = []
     if bus is not None:
@@ -124,4 +126,6 @@ def helpers(run_folder: RunFolder, bus: BusConfig | None, record: Path | None, v
         found.append(Helper("recorder", command, keeps=True))
     if view:
         found.append(Helper("viewer", [sys.executable, "-m", "srl.runtime.web.viewing", str(run_folder.path)]))
+    if foxglove:
+        found.append(Helper("foxglove", [sys.executable, "-m", "srl.runtime.web.foxglove", str(run_folder.path)]))
     return found

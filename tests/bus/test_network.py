@@ -5,13 +5,15 @@ from __future__ import annotations
 import datetime
 import json
 import socket
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from cryptography import x509
-from helpers.bus import Instance, sockets
+from helpers.bus import Instance, sockets, spawn
 from helpers.run import refused
 from helpers.wait import until
 
@@ -19,7 +21,7 @@ from srl.runtime.bus import certificates, session
 from srl.runtime.bus.certificates import authority, sign
 from srl.runtime.bus.client import connect
 from srl.runtime.cli import main
-from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.contracts.errors import HostError, NoAnswerError, RequestError
 from srl.runtime.contracts.tls import TlsConfig
 from srl.runtime.profile.bus import BusConfig
 from srl.runtime.profile.keys import Keys
@@ -115,9 +117,94 @@ def test_nobody_asks_as_another(lab: Lab, person: str, of: str | None) -> None:
 
 
 def test_who_isnt_named_sees_nothing(lab: Lab) -> None:
-    with pytest.raises(RequestError, match="no srl instance is alive there"):
+    with pytest.raises(NoAnswerError, match=r"no srl instance is alive there.*none that this client may see"):
         connect(lab.endpoint, lab.tls("nobody"), timeout=0.5)
     assert lab.raw("nobody", "srl/one/state/**") == []
+    heard: list[str] = []
+    with session.join(lab.endpoint, lab.tls("nobody")) as nobody, session.join(lab.endpoint, lab.tls("otto")) as otto:
+        nobody.declare_subscriber("**", lambda sample: heard.append(str(sample.key_expr)))
+        nobody.liveliness().declare_subscriber("**", lambda sample: heard.append(str(sample.key_expr)), history=True)
+        assert list(nobody.liveliness().get("srl/*/alive", timeout=1.0)) == []
+        for _ in range(3):  # whole statuses, which the others hear
+            _hear(otto, "srl/one/status", {"srl/one/status"})
+    assert heard == []
+
+
+def _hear(opened: zenoh.Session, key: str, wanted: set[str]) -> set[str]:
+    """What a client hears until it has heard what is wanted."""
+    heard: set[str] = set()
+    subscriber = opened.declare_subscriber(key, lambda sample: heard.add(str(sample.key_expr)))
+    until(lambda: wanted <= heard)
+    subscriber.undeclare()
+    return heard
+
+
+@pytest.mark.parametrize("person", ["otto", "anna", "eva"])
+@pytest.mark.parametrize("key", ["**", "srl/**", "srl/one/**"])
+def test_every_role_sees_the_token_and_hears_all_that_is_published(lab: Lab, person: str, key: str) -> None:
+    tokens: list[str] = []
+    with session.join(lab.endpoint, lab.tls(person)) as opened:
+        for which in (key, "srl/*/alive"):
+            found = opened.liveliness().get(which, timeout=5)
+            assert [str(answer.ok.key_expr) for answer in found if answer.ok] == ["srl/one/alive"]
+        opened.liveliness().declare_subscriber(key, lambda s: tokens.append(str(s.key_expr)), history=True)
+        until(lambda: tokens == ["srl/one/alive"])
+        _hear(opened, key, {"srl/one/status", "srl/one/state/glove/position", "srl/one/state/hand/tips"})
+
+
+def test_nobody_hears_another_clients_setpoint(lab: Lab) -> None:
+    with connect(lab.endpoint, lab.tls("anna")) as client, session.join(lab.endpoint, lab.tls("otto")) as otto:
+        heard: list[str] = []
+        otto.declare_subscriber("**", lambda sample: heard.append(str(sample.key_expr)))
+        client.setpoint("client.force", [1, 2, 3], answer=True)
+        client.setpoint("client.force", [4, 5, 6])
+        until(lambda: lab.instance.run.setpoints[-1][1].tolist() == [4, 5, 6])
+        heard.clear()
+        until(lambda: "srl/one/status" in heard)
+    assert not [key for key in heard if "setpoint" in key]
+
+
+@pytest.mark.parametrize("person", ["otto", "anna", "eva"])
+@pytest.mark.parametrize("key", ["**", "srl/**", "srl/one/**", "srl/one/as/*/cmd/stop", "srl/*/as/engineer/cmd/stop"])
+def test_no_role_asks_by_a_wildcard_beyond_its_own_keys(lab: Lab, person: str, key: str) -> None:
+    """Nothing answers, as the page says: what would include another role's keys is none of this role's."""
+    taken = len(lab.instance.run.taken)
+    assert lab.raw(person, key) == []
+    assert len(lab.instance.run.taken) == taken
+
+
+@pytest.mark.parametrize(("person", "role"), [("otto", "observer"), ("anna", "operator"), ("eva", "engineer")])
+def test_a_role_reads_by_the_wildcards_of_the_page(lab: Lab, person: str, role: str) -> None:
+    with session.join(lab.endpoint, lab.tls(person)) as opened:
+        for key in ("srl/one/state/**", "srl/one/status", "srl/one/events", f"srl/one/as/{role}/param/**"):
+            answers = [answer.ok for answer in opened.get(key, timeout=5)]
+            assert answers, key
+            assert None not in answers, key
+
+
+def test_who_asks_without_the_right_is_told_and_so_is_one_whose_bus_has_died(lab: Lab) -> None:
+    with connect(lab.endpoint, lab.tls("otto")) as client:
+        with pytest.raises(RequestError, match="may only read"):
+            client.setpoint("client.force", [1, 2, 3])
+        client.keys = Keys("one", "engineer")  # as a client that takes another's
+        with pytest.raises(NoAnswerError, match=r"instance 'one' \(srl/one/as/engineer/cmd/stop\): nobody answered"):
+            client.command("stop")
+    own = lab.instance
+    with connect(lab.endpoint, lab.tls("anna")) as client:
+        client.setpoint("client.force", [1, 2, 3])
+        own.process.kill()
+        own.process.wait()
+        until(lambda: not client._presence.there)
+        for ask in (lambda: client.setpoint("client.force", [1, 2, 3]), lambda: client.command("stop"), client.events):
+            with pytest.raises(NoAnswerError, match="`srl stop one`"):
+                ask()
+        assert own.process.stderr is not None
+        own.process.stderr.close()
+        own.process = spawn(own.run_folder, stderr=subprocess.PIPE)
+        until(lambda: client._presence.there)
+        assert client.command("stop")["ok"]
+        assert client.command("reset")["ok"]
+    until(lambda: own.client._presence.there)  # for the tests after this one
 
 
 def test_no_certificate_or_that_of_another_authority_is_no_connection(lab: Lab) -> None:

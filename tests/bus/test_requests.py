@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers.bus import layout
 
-from srl.runtime.bus.arrivals import ASIDE, QUERIES, SAMPLES, Arrivals
+from srl.runtime.bus.arrivals import ASIDE, QUERIES, SAMPLES, Arrivals, came
 from srl.runtime.bus.requests import TIMEOUT, UNDERWAY, WAITING, Requests
 from srl.runtime.bus.status import Counts
 from srl.runtime.ipc.header import CYCLE, DEVICE, Latch, Origin, State
@@ -30,6 +30,7 @@ class Query:
         self._payload = payload
         self.answers: list[dict[str, Any]] = []
         self.dropped = 0
+        self.attachment: Attachment | None = None
 
     def to_bytes(self) -> bytes:
         assert self._payload is not None
@@ -41,6 +42,14 @@ class Query:
 
     def drop(self) -> None:
         self.dropped += 1
+
+
+class Attachment:
+    def __init__(self, content: bytes) -> None:
+        self._content = content
+
+    def to_bytes(self, *_: object) -> bytes:
+        return self._content
 
 
 class Desk:
@@ -208,6 +217,23 @@ def test_a_crowd_leaves_room_for_a_stop_and_what_came_before_it_moves_nothing(de
     into["start"](Query(keys["start"]))
     desk.arrivals.handle(1.0)
     assert [r.kind for r in desk.sent.take()] == [RequestKind.START]
+
+
+@pytest.mark.parametrize(("late", "moved"), [(True, []), (False, [RequestKind.RESET])])
+def test_what_is_passed_on_counts_from_when_it_came_to_who_passes_it_on(
+    desk: Desk, late: bool, moved: list[RequestKind]
+) -> None:
+    """A node has two ways to the bus: its stop may be there before the reset that came to it earlier."""
+    reset, stop = desk.keys.command("reset"), desk.keys.command("stop")
+    query, before = Query(reset), time.monotonic_ns()
+    desk.arrivals.into_stops(desk.handlers[stop], stop)(Query(stop))  # type: ignore[arg-type]
+    desk.arrivals.handle(0.0)
+    desk.sent.take()
+    query.attachment = Attachment(came(before if late else time.monotonic_ns() + 10**12))
+    desk.arrivals.into(desk.handlers[reset])(query)  # type: ignore[arg-type]
+    desk.arrivals.handle(1.0)
+    assert [r.kind for r in desk.sent.take()] == moved
+    assert bool(query.answers) is late
 
 
 def test_a_flood_of_wildcards_takes_no_stops_room_and_overtakes_nothing(desk: Desk) -> None:

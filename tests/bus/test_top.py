@@ -81,7 +81,7 @@ def test_one_object(instance: Run, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_which_instance_is_asked_for(base: Path) -> None:
-    with pytest.raises(RequestError, match="no instance runs"):
+    with pytest.raises(RequestError, match="nothing runs on this host"):
         call()
     claimed = [RunFolder.of(name) for name in ("left", "right")]
     for run_folder in claimed:

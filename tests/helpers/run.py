@@ -150,7 +150,7 @@ class Running:
         found = {}
         for path in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
             line = Path(f"/proc/{path}/cmdline").read_bytes().decode().split("\0")
-            for name in ("loop", "bus", "ros2", "recorder", "viewing"):
+            for name in ("loop", "bus", "ros2", "recorder", "viewing", "foxglove"):
                 if {f"srl.runtime.{name}", f"srl.runtime.web.{name}"} & set(line):
                     found[name] = int(path)
         return found

@@ -8,24 +8,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import ros2_types
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores
 
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.messages import cdr, messages
+from srl.runtime.messages.definitions import INDEXED
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
-# rosbags knows no services: their messages from the text of the interface.
-(_RESPONSE,) = get_types_from_msg("bool success\nstring message\n", "std_srvs/msg/Trigger_Response").values()
-STORE.register({"std_srvs/srv/Trigger_Response": _RESPONSE})
+STORE = ros2_types.store(Stores.ROS2_HUMBLE)
+KILTED = ros2_types.store(Stores.ROS2_KILTED, indexed=True)
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=("Cs",)), max_size=20)
 FLOAT = st.floats(allow_nan=False)
 NUMBERS: dict[str, Any] = {
-    "uint8": st.integers(0, 127),  # the one use is ROS 2's `byte`, which rosbags takes as signed
+    "int8": st.integers(-128, 127),
+    "uint8": st.integers(0, 127),  # one use is ROS 2's `byte`, which rosbags takes as signed
+    "uint16": st.integers(0, 2**16 - 1),
     "int32": st.integers(-(2**31), 2**31 - 1),
     "uint32": st.integers(0, 2**32 - 1),
     "int64": st.integers(-(2**63), 2**63 - 1),
+    "uint64": st.integers(0, 2**64 - 1),
     "float32": st.floats(allow_nan=False, width=32),
     "float64": FLOAT,
     "bool": st.booleans(),
@@ -61,7 +64,13 @@ def foreign(kind: str, value: Any) -> Any:
         return [foreign(base, v) for v in value]
     if kind in NUMBERS:
         return value
-    return STORE.types[kind](**{name: foreign(inner, value[name]) for name, inner in cdr.TYPES[kind]})
+    store, name = home(kind)
+    return store.types[name](**{name: foreign(inner, value[name]) for name, inner in cdr.TYPES[kind]})
+
+
+def home(kind: str) -> tuple[Any, str]:
+    """The store and the name of a kind in rosbags."""
+    return (KILTED, kind.removesuffix(INDEXED)) if kind.endswith(INDEXED) else (STORE, kind)
 
 
 def same(ours: Any, theirs: Any) -> bool:
@@ -69,12 +78,13 @@ def same(ours: Any, theirs: Any) -> bool:
         return all(same(v, theirs[k] if isinstance(theirs, dict) else getattr(theirs, k)) for k, v in ours.items())
     if isinstance(ours, list) and ours and isinstance(ours[0], dict):
         return len(ours) == len(theirs) and all(same(a, b) for a, b in zip(ours, theirs, strict=True))
-    return bool(np.array_equal(ours, theirs)) if isinstance(ours, np.ndarray) else ours == theirs
+    return bool(np.array_equal(ours, theirs)) if isinstance(ours, np.ndarray | list) else ours == theirs
 
 
 @pytest.mark.parametrize("kind", sorted(cdr.TYPES))
 def test_definitions_are_those_of_ros2(kind: str) -> None:
-    names = [name for name, _ in STORE.fielddefs[kind][1]]
+    store, known = home(kind)
+    names = [name for name, _ in store.fielddefs[known][1]]
     assert [name for name, _ in cdr.TYPES[kind]] == names
 
 
@@ -83,10 +93,11 @@ def test_definitions_are_those_of_ros2(kind: str) -> None:
 @given(data=st.data())
 def test_bytes_equal_rosbags_both_ways(kind: str, data: st.DataObject) -> None:
     message = data.draw(values(kind))
-    theirs = bytes(STORE.serialize_cdr(foreign(kind, message), kind))
+    store, known = home(kind)
+    theirs = bytes(store.serialize_cdr(foreign(kind, message), known))
     ours = cdr.encode(kind, message)
     assert ours == theirs
-    assert same(cdr.decode(kind, theirs), STORE.deserialize_cdr(ours, kind))
+    assert same(cdr.decode(kind, theirs), store.deserialize_cdr(ours, known))
 
 
 def odometry(frame: str, child: str) -> dict[str, Any]:

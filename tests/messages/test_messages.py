@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,15 +70,28 @@ def test_layout_of_an_array_follows_ros() -> None:
     assert [(d["size"], d["stride"]) for d in array["layout"]["dim"]] == [(5, 15), (3, 3)]
 
 
-def joints(names: list[str], position: list[float]) -> bytes:
+def joints(names: list[str], position: list[float], **more: list[float]) -> bytes:
     header = {"stamp": messages.time_of(0), "frame_id": ""}
-    content = {"header": header, "name": names, "position": position, "velocity": [], "effort": []}
+    content = {"header": header, "name": names, "position": position, "velocity": [], "effort": []} | more
     return cdr.encode(messages.JOINT_STATE, content)
 
 
 @pytest.mark.parametrize("declared", ["application/cdr;sensor_msgs/msg/JointState", "zenoh/bytes", "application/cdr"])
 def test_setpoint_as_joint_state(declared: str) -> None:
-    assert messages.read_values(joints([], [1, 2, 3]), declared, FORCE, "k").tolist() == [1, 2, 3]
+    field = Field("client.q", "setpoint", 0, (3,), "rad")
+    assert messages.read_values(joints([], [1, 2, 3]), declared, field, "k").tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(("unit", "part"), [("rad/s", "velocity"), ("m/s", "velocity"), ("N m", "effort")])
+def test_of_a_joint_state_the_field_of_the_unit_counts(unit: str, part: str) -> None:
+    """A state that is echoed back to a velocity must not turn positions into speeds."""
+    field = Field("client.v", "setpoint", 0, (3,), unit)
+    echoed = joints([], [1.5, -1.2, 0.3], **{part: [0.0, 0.0, 0.1]})
+    assert messages.read_values(echoed, "", field, "k").tolist() == [0.0, 0.0, 0.1]
+    with pytest.raises(RequestError, match=f"its field '{part}' is empty"):
+        messages.read_values(joints([], [1.5, -1.2, 0.3]), "", field, "k")
+    with pytest.raises(RequestError, match="a JointState has nothing in K"):
+        messages.read_values(echoed, messages.encoding(messages.JOINT_STATE), replace(field, unit="K"), "k")
 
 
 def test_named_joints_are_put_in_order() -> None:
@@ -117,6 +131,43 @@ def test_setpoint_as_json(payload: str) -> None:
 def test_what_is_no_setpoint_is_refused(payload: bytes, output: str) -> None:
     with pytest.raises(RequestError, match=output):
         messages.read_values(payload, "", FORCE, "k")
+
+
+POSE = Field("client.pose", "setpoint", 0, (7,), "m", frame="world")
+ARM = Field("client.position", "setpoint", 0, (3,), "rad", labels=("a", "b", "c"))
+
+
+def pose(values: list[float], frame: str) -> bytes:
+    field = Field("client.pose", "setpoint", 0, (7,), "m", frame=frame)
+    return cdr.encode(*messages.message_of(field, np.array(values), 0))
+
+
+def test_a_pose_is_a_setpoint_in_its_own_frame_alone() -> None:
+    declared, right = messages.encoding(messages.POSE), [0.1, 0.2, 0.3, 0.5, 0.5, -0.5, 0.5]
+    assert messages.read_values(pose(right, "world"), declared, POSE, "k").tolist() == right
+    for frame in ("", "base"):
+        with pytest.raises(RequestError, match=f"frame_id is '{frame}'"):
+            messages.read_values(pose(right, frame), declared, POSE, "k")
+    with pytest.raises(RequestError, match="quaternion has the length 0"):
+        messages.read_values(pose([0.1, 0.2, 0.3, 0, 0, 0, 0], "world"), declared, POSE, "k")
+    with pytest.raises(RequestError, match="quaternion has the length 2"):
+        messages.read_values(b"[0, 0, 0, 2, 0, 0, 0]", "", POSE, "k")
+    with pytest.raises(RequestError, match="can't be a geometry_msgs/msg/PoseStamped"):
+        messages.read_values(pose(right, "world"), declared, FORCE, "k")
+
+
+def test_joints_that_are_left_out_get_the_rest_where_there_is_one() -> None:
+    header = {"stamp": messages.time_of(0), "frame_id": ""}
+    arrays = {"position": [7.0, 5.0], "velocity": (), "effort": ()}
+    part = cdr.encode(messages.JOINT_STATE, {"header": header, "name": ["c", "a"], **arrays})
+    rest, declared = np.array([1.0, 2.0, 3.0]), messages.encoding(messages.JOINT_STATE)
+    assert messages.read_values(part, declared, ARM, "k", rest).tolist() == [5.0, 2.0, 7.0]
+    with pytest.raises(RequestError, match="Name these: a, b, c"):
+        messages.read_values(part, declared, ARM, "k")
+    for names in (["c", "c"], ["c", "d"]):
+        wrong = cdr.encode(messages.JOINT_STATE, {"header": header, "name": names, **arrays})
+        with pytest.raises(RequestError, match="Name these: a, b, c"):
+            messages.read_values(wrong, declared, ARM, "k", rest)
 
 
 @given(

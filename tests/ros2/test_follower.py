@@ -7,58 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.ros2_limb import Limb
 
-from srl.runtime.ipc.header import CYCLE, State
+from srl.runtime.ipc.header import State
 from srl.runtime.loop.lockstep import Lockstep
-from srl.runtime.messages import cdr
 from srl.runtime.profile import profile, wiring
-from srl.runtime.ros2.follower import PERIOD, Follower
-from srl.runtime.ros2.names import TRAJECTORY
-
-
-class Limb:
-    """servo-jog, and what its follower sends and says."""
-
-    def __init__(self) -> None:
-        graph = wiring.build(*profile.load("servo-jog"), [])
-        step = Lockstep(graph)
-        for _ in range(20):
-            step.step()
-        graph.layout.meta["limits"] = {
-            "finger.position_command": {"lower": [-1.0, -1.0], "upper": [1.0, 1.0], "velocity": [2.0, 2.0]}
-        }
-        self.row = graph.row.words.copy()
-        self.row[CYCLE.state] = State.ACTIVE
-        self.sent: list[list[float]] = []
-        self.said: list[str] = []
-        self.follower = Follower(
-            graph.layout, "client.position", lambda values: self.sent.append(values.tolist()), self.said.append
-        )
-        self.lost = 0
-        self.turn(State.ACTIVE)
-
-    def turn(self, *states: State) -> None:
-        rows = np.tile(self.row, (len(states), 1))
-        rows[:, CYCLE.state] = states
-        newest = rows[-1] if len(rows) else self.row
-        self.follower.turn(rows, newest, self.lost, time.monotonic_ns())
-
-    def ask(self, *positions: float, seconds: int = 2, came: int | None = None, stamp: int = 0) -> None:
-        point = {
-            "positions": np.array(positions), "velocities": np.empty(0), "accelerations": np.empty(0),
-            "effort": np.empty(0), "time_from_start": {"sec": seconds, "nanosec": 0},
-        }  # fmt: skip
-        header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": ""}
-        message: dict[str, Any] = {"header": header, "joint_names": ["proximal", "distal"], "points": [point]}
-        now = time.monotonic_ns()
-        self.follower.take(cdr.encode(TRAJECTORY, message), now if came is None else came, time.time_ns())
-
-    @property
-    def moves(self) -> bool:
-        before = len(self.sent)
-        time.sleep(2 * PERIOD * 1e-9)
-        self.turn(State.ACTIVE)
-        return len(self.sent) > before
+from srl.runtime.ros2.follower import LONGEST_STEP, Follower
 
 
 @pytest.fixture
@@ -114,9 +68,44 @@ def test_a_stop_while_it_is_checked_ends_it(limb: Limb, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize(
     ("asked", "text"),
-    [({"positions": (2.0, 0.0)}, "its position limits"), ({"positions": (0.9, 0.0), "stamp": 1}, "it begins in")],
+    [
+        ({"positions": (2.0, 0.0)}, "its position limits"),
+        ({"positions": (0.9, 0.0), "stamp": 1}, "it begins in"),
+        ({"positions": (0.5, 0.0), "ago": 1.0}, "it begins in -1."),
+    ],
 )
 def test_what_cant_be_followed_is_said(limb: Limb, asked: dict[str, Any], text: str) -> None:
+    if ago := asked.pop("ago", 0.0):
+        asked["stamp"] = time.time_ns() - round(ago * 1e9)
     limb.ask(*asked.pop("positions"), **asked)
     assert not limb.moves
     assert text in limb.said[-1]
+
+
+def test_a_node_that_was_held_up_goes_on_where_it_was(limb: Limb) -> None:
+    limb.ask(0.5, -0.5, seconds=2)
+    assert limb.moves
+    time.sleep(0.3)
+    limb.turn(State.ACTIVE)
+    limb.turn(State.ACTIVE)
+    steps = np.abs(np.diff(limb.sent, axis=0)).max()
+    assert steps < 0.5 / 2 * 2 * LONGEST_STEP, "no leap along the way"
+
+
+def test_of_two_limbs_with_joints_of_one_name_each_follows_its_own() -> None:
+    graph = wiring.build(*profile.load("human-srl-two", ["motion=setpoint"]), [])
+    Lockstep(graph).step()
+    limits = {"lower": [-1.0] * 7, "upper": [1.0] * 7, "velocity": [1.0] * 7}
+    graph.layout.meta["limits"] = {"right.position_command": limits, "left.position_command": limits}
+    for side in ("left", "right"):
+        follower = Follower(graph.layout, f"client.{side}", lambda _: None, lambda _: None)
+        assert follower.able
+        assert follower._sent is not None
+        assert follower._sent[0].name == f"{side}.position_command.sent"
+        assert all(own is None or own[0].name.startswith(f"{side}.") for own in follower._actual)
+
+
+def test_what_isn_t_passed_on_as_it_is_is_not_followed() -> None:
+    graph = wiring.build(*profile.load("panda-jog"), [])
+    graph.layout.meta["limits"] = {}
+    assert not Follower(graph.layout, "client.velocity", lambda _: None, lambda _: None).able

@@ -94,3 +94,19 @@ def test_limits_are_looked_at_all_along() -> None:
         over.check(*limits, NAMES, "here")
     with pytest.raises(RequestError, match="'b' leaves its velocity limit"):
         made(point(0.2, (0.0, 0.9), (0.0, 0.0))).check(*limits, NAMES, "here")
+
+
+def test_joints_that_are_left_out_stay_where_they_are_if_that_is_allowed() -> None:
+    message = {"joint_names": ["b"], "points": [point(1.0, [0.5])]}
+    with pytest.raises(RequestError, match="Name all of a, b"):
+        Trajectory(message, NAMES, np.array([0.3, 0.0]), "here")
+    whole = Trajectory(message, NAMES, np.array([0.3, 0.0]), "here", partial=True)
+    for time in np.linspace(0.0, 1.0, 5):
+        np.testing.assert_allclose(whole.at(time)[0], [0.3, 0.5 * time], atol=1e-12)
+    with pytest.raises(RequestError, match="Name some of a, b"):
+        Trajectory(message | {"joint_names": ["c"]}, NAMES, np.zeros(2), "here", partial=True)
+
+
+def test_the_index_is_that_of_the_point_it_goes_to() -> None:
+    whole = made(point(1.0, [0, 0]), point(2.0, [1, 1]))
+    assert [whole.index(t) for t in (-1.0, 0.5, 1.5, 9.0)] == [0, 0, 1, 1]

@@ -5,122 +5,24 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import zenoh
-from helpers.run import Running
+from helpers.ros2_peer import ATTACHMENT, STORE, Peer, node, peer, port, router
 from helpers.wait import until
-from rosbags.typesys import Stores, get_typestore
-from zenoh import ext
 
 from srl.runtime.ipc.header import State
 from srl.runtime.ros2.names import HASHES, TF, TRIGGER, dds_type
 
-sdk = pytest.importorskip("zenoh_ros2_sdk")
-discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
-STORE = get_typestore(Stores.ROS2_JAZZY)
-ATTACHMENT = bytes(16) + b"\x10" + bytes(16)  # ROS 2's: number, time, and the 16 bytes of the sender
+__all__ = ["peer", "port"]  # fixtures
 pytestmark = pytest.mark.slow
-
-
-@contextmanager
-def router(port: int) -> Iterator[None]:
-    """What `rmw_zenohd` is: a zenoh router."""
-    content = {
-        "mode": "router", "listen": {"endpoints": [f"tcp/127.0.0.1:{port}"]},
-        "scouting": {"multicast": {"enabled": False}},
-        "routing": {"router": {"peers_failover_brokering": False}},  # as rmw_zenohd has it since December 2024
-    }  # fmt: skip
-    session = zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
-    try:
-        yield
-    finally:
-        session.close()
-
-
-class Peer:
-    """The stranger's session, at one router."""
-
-    def __init__(self, port: int) -> None:
-        self.port = port
-        self.manager = sdk.ZenohSession.get_instance("127.0.0.1", port)
-
-    def topics(self) -> dict[str, str]:
-        """Names and types, as `ros2 topic list -t` shows them."""
-        found = discovery.get_topic_names_and_types(0, "127.0.0.1", self.port, timeout=1.0)
-        return {name: kinds[0] for name, kinds in found}
-
-    def tokens(self, kind: str) -> list[str]:
-        """The liveliness tokens of a kind."""
-        given = self.manager.session.liveliness().get(f"@ros2_lv/**/{kind}/**", timeout=1.0)
-        return [str(reply.ok.key_expr) for reply in given if reply.ok is not None]
-
-    def echo(self, topic: str, kind: str, latched: bool = False) -> Any:
-        """The next message of a topic, decoded by rosbags; of a latched one, the last from before."""
-        key = f"0{topic}/{dds_type(kind)}/RIHS01_{HASHES[kind]}"
-        taken: list[Any] = []
-        session = self.manager.session
-        if latched:
-            subscriber: Any = ext.declare_advanced_subscriber(
-                session, key, taken.append, history=ext.HistoryConfig(detect_late_publishers=True)
-            )
-        else:
-            subscriber = session.declare_subscriber(key, taken.append)
-        until(lambda: taken, what=topic)
-        subscriber.undeclare()
-        assert len(taken[-1].attachment.to_bytes()) == 33
-        return STORE.deserialize_cdr(taken[-1].payload.to_bytes(), kind)
-
-    def trigger(self, service: str) -> tuple[bool, str]:
-        """Calls a std_srvs/srv/Trigger."""
-        key = f"0{service}/{dds_type(TRIGGER)}/RIHS01_{HASHES[TRIGGER]}"
-        gid = bytes(range(16))
-        attachment = (7).to_bytes(8, "little") + time.time_ns().to_bytes(8, "little") + b"\x10" + gid
-        (reply,) = list(self.manager.session.get(key, payload=b"\0\1\0\0\0", attachment=attachment, timeout=10.0))
-        answered = reply.ok.attachment.to_bytes()
-        assert answered[:8] == attachment[:8]
-        assert answered[17:] == gid
-        payload = reply.ok.payload.to_bytes()
-        size = int.from_bytes(payload[8:12], "little")
-        return bool(payload[4]), payload[12 : 12 + size - 1].decode()
-
-
-@pytest.fixture
-def port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextmanager
-def node(folder: Path, port: int, profile: str, *more: str, **options: Any) -> Iterator[Running]:
-    ros2 = json.dumps({"router": f"tcp/127.0.0.1:{port}"} | options)
-    instance = more[1] if "--instance" in more else profile
-    with Running(folder, profile, "--sim", "--set", f"bus.ros2={ros2}", *more, instance=instance) as run:
-        run.started()
-        yield run
-
-
-@pytest.fixture
-def peer(port: int) -> Iterator[Callable[[], Peer]]:
-    made: list[Peer] = []
-
-    def join() -> Peer:
-        made.append(Peer(port))
-        return made[-1]
-
-    yield join
-    for each in made:
-        each.manager.close()
+SERVICES = 3 + 6 + 3  # start, stop, reset; of parameters; of the action
 
 
 def test_a_run_is_a_node_with_the_robots_topics(tmp_path: Path, port: int, peer: Callable[[], Peer]) -> None:
@@ -134,7 +36,8 @@ def test_a_run_is_a_node_with_the_robots_topics(tmp_path: Path, port: int, peer:
         assert {topics["/tf"], topics["/tf_static"]} == {TF}
         assert topics["/diagnostics"] == "diagnostic_msgs/msg/DiagnosticArray"
         assert [token.rpartition("/")[2] for token in seen.tokens("NN")] == ["servo_jog"]
-        assert not seen.tokens("SS"), "commands are off by default"
+        offered = [token for token in seen.tokens("SS") if "rcl_interfaces" not in token]
+        assert not offered, "commands are off by default; parameters can be read"
         assert not [token for token in seen.tokens("MS") if "servo_jog" in token]
         joints = seen.echo("/servo_jog/joint_states", "sensor_msgs/msg/JointState")
         assert joints.name == ["proximal", "distal"]
@@ -157,7 +60,7 @@ def test_a_peer_moves_the_limb_only_where_the_profile_lets_it(
 ) -> None:
     with router(port), node(tmp_path, port, "servo-jog", commands=True) as run:
         seen = peer()
-        until(lambda: len(seen.tokens("SS")) == 3, what="the services")
+        until(lambda: len(seen.tokens("SS")) == SERVICES, what="the services")
         assert seen.trigger("/servo_jog/stop") == (True, "")
         run.until(lambda: run.header("state") in (State.STOPPING, State.STOPPED), "the stop")
         until(lambda: seen.trigger("/servo_jog/reset")[0], pause=0.3, what="the reset")
@@ -206,7 +109,7 @@ def test_a_trajectory_moves_the_joints_along_it_and_a_stop_ends_it(
     patient = ("--set", "setpoints={client.position: {shape: [2], unit: rad, labels: [proximal, distal], max_age: 4}}")
     with router(port), node(tmp_path, port, "servo-jog", *patient, commands=True) as run:
         seen = peer()
-        until(lambda: len(seen.tokens("SS")) == 3, what="the services")
+        until(lambda: len(seen.tokens("SS")) == SERVICES, what="the services")
 
         def value(name: str) -> tuple[float, ...]:
             row = run.reader.newest()
@@ -260,7 +163,7 @@ def test_a_stop_is_heard_in_a_flood_and_undoes_the_resets_before_it(
     reset = f"0/servo_jog/reset/{dds_type(TRIGGER)}/RIHS01_{HASHES[TRIGGER]}"
     with router(port), node(tmp_path, port, "servo-jog", commands=True) as run:
         seen = peer()
-        until(lambda: len(seen.tokens("SS")) == 3, what="the services")
+        until(lambda: len(seen.tokens("SS")) == SERVICES, what="the services")
         run.until(lambda: run.header("state") == State.ACTIVE, "motion")
         layout = STORE.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
         payload = bytes(STORE.serialize_cdr(STORE.types[kind](layout=layout, data=np.array([0.1, 0.2])), kind))

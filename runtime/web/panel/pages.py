@@ -99,20 +99,18 @@ class PageServer(ABC):
         self.add_routes(app.router)
         app.router.add_get("/socket", self._talk, allow_head=False)
         app.router.add_post("/stop", self._stop)
-        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=1.0, keepalive_timeout=15.0)
-        await runner.setup()
-        assert runner.server is not None
-        self._door = door = Door(listener, runner.server, lambda text: send_note(self._folder, text))
-        self._access.entered = door.let_in
-        follower = asyncio.create_task(self._follow())
         try:
-            yield follower
+            async with behind_door(listener, app, self._folder) as door:
+                self._door = door
+                self._access.entered = door.let_in
+                follower = asyncio.create_task(self._follow())
+                try:
+                    yield follower
+                finally:
+                    follower.cancel()
+                    for peer in list(self.peers):
+                        await peer.socket.close(code=1001, message=b"the server ends")
         finally:
-            follower.cancel()
-            for peer in list(self.peers):
-                await peer.socket.close(code=1001, message=b"the server ends")
-            door.close()
-            await runner.cleanup()
             self._stops.shutdown(wait=False)
             self.close()
 
@@ -172,6 +170,20 @@ class PageServer(ABC):
             if self._door is not None:
                 self._door.look(time.monotonic())
             await asyncio.sleep(POLL)
+
+
+@asynccontextmanager
+async def behind_door(listener: socket.socket, app: web.Application, run: RunFolder) -> AsyncIterator[Door]:
+    """Serves an application meanwhile, through a door that says in the run's events when it is being filled."""
+    runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=1.0, keepalive_timeout=15.0)
+    await runner.setup()
+    assert runner.server is not None
+    door = Door(listener, runner.server, lambda text: send_note(run, text))
+    try:
+        yield door
+    finally:
+        door.close()
+        await runner.cleanup()
 
 
 def listen(port: int) -> socket.socket:
