@@ -16,11 +16,10 @@ from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
-import numpy as np
-
 from bench.pairs import Row, measure
 from srl.drivers.mit_can import MitCan
 from srl.drivers.mit_can.config import MitCanConfig
+from srl.runtime.testing.bound import bound
 from srl.sim.devices.shared.can import GROUP
 
 COUNTS: Final = (1, 4, 7)
@@ -53,11 +52,7 @@ def _config(count: int) -> MitCanConfig:
 
 
 def _ours(count: int) -> dict[str, float]:
-    driver = MitCan("bus", _config(count))
-    driver.bind(
-        {signal.name: np.zeros(signal.shape) for signal in driver.states},
-        {signal.name: np.zeros(signal.shape) for signal in driver.commands},
-    )
+    driver = bound(MitCan("bus", _config(count)))
     driver.open()
 
     def cycle() -> None:

@@ -22,6 +22,7 @@ from srl.runtime.contracts import registry
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, Twin, World
+from srl.runtime.testing.bound import bound
 from srl.sim.devices.examples import DEVICES
 
 FRAMES: Final = 500
@@ -148,18 +149,12 @@ def pair(name: str) -> tuple[World, Twin, Driver]:
     fake_class, driver_class = registry.load("fakes", name, "bench"), registry.load("drivers", name, "bench")
     settings = driver_class.Config.model_validate({"port": port} | config)
     fake: Fake = fake_class(name, settings, world, fake_class.Options.model_validate(options))
-    _bind(fake)
+    bound(fake)
     twin: Twin = registry.load("twins", name, "bench")(fake)
     twin.open()
     driver: Driver = driver_class(name, driver_class.Config.model_validate(config | {"port": twin.address}))
-    _bind(driver)
+    bound(driver)
     return world, twin, driver
-
-
-def _bind(driver: Driver) -> None:
-    driver.bind(
-        {s.name: np.zeros(s.shape) for s in driver.states}, {c.name: np.zeros(c.shape) for c in driver.commands}
-    )
 
 
 def served(world: World, twin: Twin, what: Any) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from bench.pairs import Row, measure
 from srl.drivers.dynamixel import Dynamixel
 from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.runtime.testing.bound import bound
 
 EXCHANGES: Final = 150  # per run: runs differ more than exchanges do
 BAUDRATE: Final = 1_000_000
@@ -45,11 +46,7 @@ def _config(port: str) -> DynamixelConfig:
 
 
 def _ours(port: str) -> dict[str, float]:
-    driver = Dynamixel("bus", _config(port))
-    driver.bind(
-        {signal.name: np.zeros(signal.shape) for signal in driver.states},
-        {signal.name: np.zeros(signal.shape) for signal in driver.commands},
-    )
+    driver = bound(Dynamixel("bus", _config(port)))
     driver.open()
     fd = driver.fileno()
     assert fd is not None

@@ -19,6 +19,7 @@ from bench.pairs import PAIRS, Row, measure
 from srl.drivers.noitom import Noitom, NoitomConfig
 from srl.drivers.noitom.protocol import COUNTS, TextParser, encode_binary, encode_text
 from srl.runtime.contracts.signals import Array
+from srl.runtime.testing.bound import bound
 
 FRAMES: Final = 300
 RATE: Final = 120  # Hz
@@ -92,8 +93,7 @@ class Software:
         self._sent = 0
         self._door = socket.create_server(("127.0.0.1", 0))
         port = f"tcp://127.0.0.1:{self._door.getsockname()[1]}"
-        self.driver = Noitom("suit", NoitomConfig(port=port))
-        self.driver.bind({s.name: np.zeros(s.shape) for s in self.driver.states}, {})
+        self.driver = bound(Noitom("suit", NoitomConfig(port=port)))
         self._client: socket.socket | None = None
         self._started = 0
         self._over = threading.Event()

@@ -9,9 +9,9 @@ from typing import ClassVar, Final, Generic, Protocol, TypeVar
 import numpy as np
 from pydantic import Field
 
+from srl.drivers.linked import Linked
 from srl.drivers.transport import Transport
 from srl.runtime.contracts.driver import DeviceConfig, Sensor
-from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array
 
 SILENT: Final = 5_000_000_000  # ns without a good frame after which the port is opened anew
@@ -43,8 +43,8 @@ class SerialImuConfig(DeviceConfig):
     hold: float = Field(0.05, gt=0, le=10, description="s, for which the last sample stands for later ones")
 
 
-class SerialImu(Sensor, Generic[FrameT]):
-    """A subclass opens `_link`, and takes the frames.
+class SerialImu(Linked[Transport], Sensor, Generic[FrameT]):
+    """A subclass takes the frames.
 
     Its states are NaN before the first sample and when the newest is older than `hold`. One whose values stand still to
     the last bit is no sample: the sensor hangs, though its counter goes on.
@@ -60,8 +60,6 @@ class SerialImu(Sensor, Generic[FrameT]):
 
     def __init__(self, name: str, config: SerialImuConfig) -> None:
         super().__init__(name, config)
-        self._place = f"{name} ({config.port})"
-        self._link: Transport | None = None
         self._hold = round(config.hold * 1e9)
 
     def _begin(self) -> None:
@@ -74,14 +72,8 @@ class SerialImu(Sensor, Generic[FrameT]):
     def _take(self, frame: FrameT, now: int) -> None:
         """Takes a frame that came by `now` (ns): its values, its time, what it says of lost ones."""
 
-    def read(self, now: int) -> None:
-        if self._link is None:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
-        try:
-            found = self._receive(self._link)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+    def _receive(self, link: Transport, now: int) -> None:
+        found = self._frames(link)
         if self._heard < 0 or found:
             self._heard = now
         for frame in found:
@@ -89,15 +81,7 @@ class SerialImu(Sensor, Generic[FrameT]):
         if self.health.stamp < 0 or now - self.health.stamp > self._hold:
             expire(self.state_arrays)
         if now - self._heard > SILENT:
-            problem = f"no {self.frames} for {SILENT / 1e9:g} s"
-            self.health.lost(problem)
-            raise DeviceLostError(self._place, problem, self.remedy)
-
-    def close(self) -> None:
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is not None:
-            link.close()
+            raise self._lost(f"no {self.frames} for {SILENT / 1e9:g} s", self.remedy)
 
     def _frozen(self, values: tuple[object, ...], stamp: int) -> bool:
         """Whether all that the sensor measures has stood still for too long, with this sample of `stamp` (ns)."""
@@ -108,7 +92,7 @@ class SerialImu(Sensor, Generic[FrameT]):
         self.health.message = "its values stand still to the last bit: switch it off and on"
         return True
 
-    def _receive(self, link: Transport) -> list[FrameT]:
+    def _frames(self, link: Transport) -> list[FrameT]:
         parser, health = self._parser, self.health
         errors, resyncs = parser.errors, parser.resyncs
         data = link.read()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -14,6 +14,7 @@ from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import CYCLE, Cause
 from srl.runtime.loop.lockstep import Lockstep
 from srl.runtime.profile import profile, wiring
+from srl.sim.world.cell import Cell
 from srl.studies.toolkit.errors import StudyError
 
 AFTER: Final = 0.5  # s, for which a run goes on after the robot stopped: what a stopped robot does is seen
@@ -89,8 +90,8 @@ def simulate(text: str, setup: Setup, seed: int, signals: Sequence[str]) -> Run:
         SrlError: the profile isn't valid.
     """
     # JSON is YAML, and keeps the order of a mapping's keys: `guide-buttons` identifies buttons by their places.
-    graph = wiring.build(*profile.parse("study.yaml", json.dumps(parsed(text, setup.changes, seed)), []), [])
-    lockstep = Lockstep(graph)
+    run = lockstep(json.dumps(parsed(text, setup.changes, seed)), {})
+    graph = run.graph
     views, ints = graph.row.views, graph.row.ints
     if missing := [name for name in signals if name not in views]:
         raise StudyError("trial: signals", f"the profile has no {', '.join(missing)}", "Name signals of its layout")
@@ -100,7 +101,7 @@ def simulate(text: str, setup: Setup, seed: int, signals: Sequence[str]) -> Run:
     assert world is not None
     left = cycles
     while left > 0 and not world.finished:
-        lockstep.step()
+        run.step()
         left -= 1
         for name, rows in kept.items():
             rows.add(views[name])
@@ -156,6 +157,17 @@ def controllers(text: str, use: str, **options: Any) -> list[dict[str, Any]]:
 def without_hand(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Returns controllers without the gripper's: for trials that never close the hand, whose device is left out."""
     return [entry for entry in entries if entry["use"] != "gripper"]
+
+
+def lockstep(text: str, overrides: Mapping[str, Any]) -> Lockstep:
+    """Returns a profile in lockstep, with other values by key path."""
+    words = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
+    return Lockstep(wiring.build(*profile.parse("study.yaml", text, words), []))
+
+
+def cell(lockstep: Lockstep) -> Cell:
+    """Returns the simulated world of a profile that has a cell."""
+    return cast(Cell, lockstep.graph.world)
 
 
 def largest(values: Array) -> float:

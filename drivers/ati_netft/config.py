@@ -6,22 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import parse_qsl, urlsplit
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from srl.drivers.ati_netft.protocol import PORT
 from srl.drivers.ati_netft.settings import HTTP_PORT, TCP_PORT
+from srl.drivers.counts import CountsConfig
 from srl.runtime.contracts.driver import DeviceConfig
-from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import DeviceError
-
-
-class CountsConfig(BaseModel):
-    """Counts per unit, if they aren't to be read from the sensor."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    force: float = Field(gt=0, allow_inf_nan=False, description="counts per N")
-    torque: float = Field(gt=0, allow_inf_nan=False, description="counts per N m")
 
 
 class AtiNetFtConfig(DeviceConfig):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from typing import Final
 
 import numpy as np
@@ -15,8 +14,10 @@ from srl.drivers.ati_netft.protocol import Parser, Record, Request, request
 from srl.drivers.ati_netft.settings import Settings
 from srl.drivers.datagram import Datagrams, open_datagrams
 from srl.drivers.devicetime import DeviceTime
+from srl.drivers.linked import Linked
+from srl.drivers.timeout import remaining
 from srl.runtime.contracts.driver import Sensor
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import WRENCH
 
@@ -34,7 +35,7 @@ _STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m: used if the ranges a
 _REMEDY: Final = "Check the address, the cable and the power, and that no other program reads this sensor"
 
 
-class AtiNetFt(Sensor):
+class AtiNetFt(Linked[Datagrams], Sensor):
     """An ATI Net F/T or Ethernet Axia force/torque sensor.
 
     State `wrench` (6,): force (N), then torque (N m), in the frame of the options. A sample's stamp comes from the
@@ -51,9 +52,7 @@ class AtiNetFt(Sensor):
         super().__init__(name, config)
         self.config: AtiNetFtConfig = config
         self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),)
-        self._place = f"{name} ({config.port})"
         self._parser = Parser()
-        self._link: Datagrams | None = None
         self._settings = Settings("", 1e-6, 1e-6)
         self._family: str = config.family or "net-box"
         self._time: DeviceTime | None = None
@@ -71,48 +70,37 @@ class AtiNetFt(Sensor):
 
     # -- lifecycle
 
-    def open(self) -> None:
-        """Blocks up to 10 s."""
-        self.close()
+    def connect(self) -> Datagrams:
         where = address(self.config.port, self._place)
         self._settle(where)
-        link = self._link = open_datagrams(where.url, place=self._place)
-        try:
-            first = self._start(link)
-            if _older(first.sample, self._sample):
-                self._biased = False  # it has lost power since, and its bias with it
-            self._sample = first.sample
-            if self.config.reset_latch:
-                self._request(link, Request.RESET_LATCH)
-                self._start(link)
-            if self.config.bias and not self._biased:
-                self._zero(link)
-        except DeviceError:
-            self.close()
-            raise
-        self._heard = self._asked = -1
-        self.health.opened()
+        return open_datagrams(where.url, place=self._place)
 
-    def read(self, now: int) -> None:
-        link = self._link
-        if link is None:
-            raise DeviceLostError(self._place, "the sensor isn't open", "Open it first")
+    def _set_up(self, link: Datagrams) -> None:
+        """Blocks up to 10 s."""
+        first = self._start(link)
+        if _older(first.sample, self._sample):
+            self._biased = False  # it has lost power since, and its bias with it
+        self._sample = first.sample
+        if self.config.reset_latch:
+            self._request(link, Request.RESET_LATCH)
+            self._start(link)
+        if self.config.bias and not self._biased:
+            self._zero(link)
+        self._heard = self._asked = -1
+
+    def _receive(self, link: Datagrams, now: int) -> None:
         if self._heard < 0:
             self._heard = self._asked = now
-        try:
-            newest = self._take(link.read())
-            if newest is not None:
-                self._heard = now
-                self._fill(newest, now)
-            elif now - self._heard > GONE:
-                raise DeviceLostError(self._place, f"no records for {GONE / 1e9:g} s", _REMEDY)
-            elif now - self._heard > ASK_AGAIN and now - self._asked > ASK_AGAIN:
-                self._asked = now
-                self._asks += self._request(link, Request.START)
-                self.health.message = f"no records; the stream was asked for again {self._asks} times"
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+        newest = self._take(link.read())
+        if newest is not None:
+            self._heard = now
+            self._fill(newest, now)
+        elif now - self._heard > GONE:
+            raise self._lost(f"no records for {GONE / 1e9:g} s", _REMEDY)
+        elif now - self._heard > ASK_AGAIN and now - self._asked > ASK_AGAIN:
+            self._asked = now
+            self._asks += self._request(link, Request.START)
+            self.health.message = f"no records; the stream was asked for again {self._asks} times"
 
     def recover(self, now: int) -> None:
         """Resets the latch of the monitor conditions, and requests the stream again, because the reset ends it."""
@@ -121,13 +109,8 @@ class AtiNetFt(Sensor):
                 self._request(self._link, Request.RESET_LATCH)
                 self._request(self._link, Request.START)
 
-    def close(self) -> None:
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is not None:
-            with contextlib.suppress(DeviceError):
-                link.write(request(Request.STOP))
-            link.close()
+    def _end(self, link: Datagrams) -> None:
+        link.write(request(Request.STOP))
 
     def metrics(self) -> dict[str, object]:
         """Returns the product, missing and discarded records, repeated requests, and the latch."""
@@ -172,9 +155,7 @@ class AtiNetFt(Sensor):
     def _fill(self, record: Record, now: int) -> None:
         if _older(record.sample, self._sample):
             self._sequence = None
-            raise DeviceLostError(
-                self._place, "the sensor has restarted; its bias and its settings may be others", "Check its power"
-            )
+            raise self._lost("the sensor has restarted; its bias and its settings may be others", "Check its power")
         self._sample = record.sample
         # Bad records are counted, too: the clocks' offset must be known when the sensor is well again.
         stamp = now if self._time is None else self._time.stamp(record.sample, now)
@@ -207,15 +188,13 @@ class AtiNetFt(Sensor):
         else:
             found = identify(where, self._place)
         if config.product is not None and config.product.lower() not in found.product.lower():
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"this sensor is '{found.product or 'of unknown name'}', the profile says '{config.product}'",
                 "Correct 'product' or the address; without 'counts' the sensor's page tells the name",
             )
         if any(found.transform) != config.transformed:
             set_in_it = ", ".join(f"{v:g}" for v in found.transform) or "unknown"
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"the sensor's tool transform is {set_in_it}, the profile says transformed: {config.transformed}",
                 "Set it to zero on the sensor's page; or say `transformed: true`, with `frame` where it turns to",
             )
@@ -238,15 +217,14 @@ class AtiNetFt(Sensor):
             link.read()  # discards an earlier stream's records
             self._sequence, self._asked_anew = None, False
             self._request(link, Request.START)
-            deadline = time.monotonic() + ANSWER
-            while (left := deadline - time.monotonic()) > 0:
+            for left in remaining(ANSWER):
                 datagrams = link.read_wait(left)
                 heard += len(datagrams)
                 record = self._take(datagrams)
                 if record is not None:
                     return record
         what = f"{heard} datagrams that are no records" if heard else "no records"
-        raise DeviceError(self._place, f"the sensor sent {what} though it was asked {TRIES} times", _REMEDY)
+        raise self._error(f"the sensor sent {what} though it was asked {TRIES} times", _REMEDY)
 
     def _zero(self, link: Datagrams) -> None:
         """Applies the sensor's own bias, and checks by records: it isn't acknowledged and may end the stream (1.7)."""
@@ -254,8 +232,7 @@ class AtiNetFt(Sensor):
         for _ in range(3):
             load = self._look(link)
             if np.any(np.ptp(load, axis=0) > steady):
-                raise DeviceError(
-                    self._place,
+                raise self._error(
                     "the load moves, so it can't be taken for zero",
                     "Let go of the sensor and of what is mounted on it; it is tried again",
                 )
@@ -264,14 +241,13 @@ class AtiNetFt(Sensor):
             if np.all(np.abs(self._look(link).mean(axis=0)) <= steady):
                 self._biased = True
                 return
-        raise DeviceError(self._place, "the sensor took no bias", "Set 'bias: false' and zero it by its own page")
+        raise self._error("the sensor took no bias", "Set 'bias: false' and zero it by its own page")
 
     def _look(self, link: Datagrams) -> Array:
         """Returns (k, 6) N, N m: healthy records of LOOK seconds."""
         found: list[tuple[int, ...]] = []
-        deadline = time.monotonic() + LOOK
         wrong: tuple[str, ...] = ()
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(LOOK):
             record = self._take(link.read_wait(left))
             if record is None:
                 continue
@@ -282,7 +258,7 @@ class AtiNetFt(Sensor):
                 found.append(record.counts)
         if len(found) < 3:
             why = "; ".join(wrong) or "its records stopped"
-            raise DeviceError(self._place, f"no bias can be taken: {why}", _REMEDY)
+            raise self._error(f"no bias can be taken: {why}", _REMEDY)
         return np.array(found) * self._scale
 
 

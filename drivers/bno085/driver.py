@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Final
 
 from pydantic import Field
@@ -11,8 +10,8 @@ from srl.drivers.bno085.protocol import BAUDRATE, RATE, WRAP, Parser, Record
 from srl.drivers.bno085.reading import AngleOrder, Reading
 from srl.drivers.serial_imu import SerialImu, SerialImuConfig
 from srl.drivers.streamtime import Lateness, StreamTime
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
-from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
 
@@ -68,19 +67,15 @@ class Bno085(SerialImu[Record]):
 
     # -- lifecycle
 
-    def open(self) -> None:
+    def connect(self) -> Transport:
+        return open_transport(self._config.port, place=self._place, baudrate=BAUDRATE)
+
+    def _set_up(self, link: Transport) -> None:
         """Blocks up to 1 s."""
-        self.close()
         self._begin()
-        link = self._link = open_transport(self._config.port, place=self._place, baudrate=BAUDRATE)
-        try:
-            self._await_frame(link)
-        except DeviceError:
-            self.close()
-            raise
+        self._await_frame(link)
         self._parser = Parser()  # what came up to now isn't counted
         self.health.stamp = -1
-        self.health.opened()
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
@@ -130,11 +125,10 @@ class Bno085(SerialImu[Record]):
 
     def _await_frame(self, link: Transport) -> None:
         heard = b""
-        deadline = time.monotonic() + FIRST
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(FIRST):
             data = link.read_wait(left)
             heard += data[: 64 - min(len(heard), 64)]
             if self._parser.feed(data):
                 return
         shown = f"the bytes {heard[:12].hex(' ')}" if heard else "nothing"
-        raise DeviceError(self._place, f"expected frames of a BNO085, got {shown} in {FIRST:g} s", _REMEDY)
+        raise self._error(f"expected frames of a BNO085, got {shown} in {FIRST:g} s", _REMEDY)

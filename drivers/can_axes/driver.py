@@ -15,7 +15,8 @@ from srl.drivers.can_axes.config import CanAxesConfig
 from srl.drivers.can_axes.drive import FAR, Drive
 from srl.drivers.can_axes.signals import command, states
 from srl.drivers.canbus import CanLink, open_can, shared_bus
-from srl.runtime.contracts.driver import Driver, Traffic
+from srl.drivers.linked import Linked
+from srl.runtime.contracts.driver import Traffic
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Stop
 
@@ -29,7 +30,7 @@ LEAST: Final = 3  # times that it is sent: what a drive said may be older than i
 _TIMEOUT: Final = 0.2  # s that a request may wait for its answer while the bus is opened
 
 
-class CanAxes(Driver):
+class CanAxes(Linked[CanLink]):
     """Axes of a limb behind one CAN bus.
 
     A drive gets its first command only while it is heard, says nothing is wrong, and stands near that command. If one
@@ -42,6 +43,7 @@ class CanAxes(Driver):
     def __init__(self, name: str, config: CanAxesConfig) -> None:
         super().__init__(name, config)
         self.config: CanAxesConfig = config
+        self._place = name
         axes = config.all_axes
         self.labels = tuple(axes)
         self.states = states(self.NAMES, self.labels)
@@ -55,7 +57,6 @@ class CanAxes(Driver):
         self.traffic = Traffic(shared_bus(config.port), config.bitrate, each, second, self.identifiers())
         self.drives = [Drive(key, axis, axis.place is None) for key, axis in axes.items()]
         self._of = {axis.number: i for i, axis in enumerate(axes.values())}
-        self._link: CanLink | None = None
         self._let_go = False  # LIMP was requested, and no command since
         self._since = self._repeated = -REPEAT  # ns, when LIMP was requested, and last sent
         self._repeats = 0
@@ -123,65 +124,49 @@ class CanAxes(Driver):
 
     # -- life cycle
 
-    def open(self) -> None:
-        """Blocks a second or two. Nothing moves, and no drive gets torque."""
-        self.close()
-        self.opens(open_can(self.config.port, place=self.name))
+    def connect(self) -> CanLink:
+        return open_can(self.config.port, place=self.name)
 
-    def opens(self, link: CanLink) -> None:
-        """Goes on with a bus that is open; the simulated drives are on one in memory."""
-        first = not self.health.was_open
-        try:
-            for drive in self.drives:
-                drive.forget()
-                drive.heard, drive.left, drive.refused, drive.silent = -1, -1, -1, False
-            self._foreign = self._blocked = ""
-            self._started = False
-            self._message = self.identify(link)
-            for drive in self.drives:
-                self._place(drive, first)
-        except BaseException:
-            link.close()
-            raise
-        self._link = link
-        self._let_go, self._held = False, {}
+    def _set_up(self, link: CanLink) -> None:
+        """Blocks a second or two. Nothing moves, and no drive gets torque."""
+        first, self._let_go = not self.health.was_open, False
+        for drive in self.drives:
+            drive.forget()
+            drive.heard, drive.left, drive.refused, drive.silent = -1, -1, -1, False
+        self._foreign = self._blocked = ""
+        self._started = False
+        self._message = self.identify(link)
+        for drive in self.drives:
+            self._check_parked(drive, first)
+        self._held = {}
         self._frames.clear()
-        self.health.opened()
         self._judge(-1)
 
-    def _place(self, drive: Drive, first: bool) -> None:
+    def _check_parked(self, drive: Drive, first: bool) -> None:
         """Refuses an axis that isn't where it must be parked. Later, a position must fit to the one before."""
         parked, tolerance = drive.axis.place, self.config.park_tolerance
         if not first or parked is None or abs(drive.position - parked) <= tolerance:
             return
-        raise DeviceError(
-            self.name,
+        raise self._error(
             f"'{drive.name}' says that it is at {drive.position:.2f} rad; it must be parked at {parked:g} rad, within "
             f"{tolerance:g} rad, when a run opens",
             "Put the limb into its parked pose. If it is there, its drive was switched on elsewhere and counts from a "
             "wrong place: switch it off and on in this pose. If not, compare 'parked', 'reversed' and the id",
         )
 
-    def read(self, now: int) -> None:
-        link = self._open_link()
+    def _receive(self, link: CanLink, now: int) -> None:
         self._now = now
-        try:
-            for message in link.read():
-                self.hear(message, link.stamp(message, now))
-            for drive in self.drives:
-                if drive.heard < 0:
-                    drive.heard = now
-            self._judge(now)
-            if all(now - drive.heard > GONE for drive in self.drives):
-                raise DeviceLostError(
-                    self.name, "no drive has been heard for a second", "Check the bus' cable and the drives' supply"
-                )
-            if self._let_go:
-                self._send_limp(link, now)
-            self.ask(link, now)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+        for message in link.read():
+            self.hear(message, link.stamp(message, now))
+        for drive in self.drives:
+            if drive.heard < 0:
+                drive.heard = now
+        self._judge(now)
+        if all(now - drive.heard > GONE for drive in self.drives):
+            raise self._lost("no drive has been heard for a second", "Check the bus' cable and the drives' supply")
+        if self._let_go:
+            self._send_limp(link, now)
+        self.ask(link, now)
         for key in self.NAMES:
             self.state_arrays[key][:] = [getattr(drive, key) for drive in self.drives]
         if all(drive.sampled >= 0 for drive in self.drives):
@@ -300,16 +285,10 @@ class CanAxes(Driver):
         """Drives that haven't said since the request that they have no torque; all, until it was sent some times."""
         return [i for i in range(len(self.drives)) if self._repeats < LEAST or self.limp_at(i) <= self._since]
 
-    def close(self) -> None:
+    def _end(self, link: CanLink) -> None:
         """A drive that was told to hold does so until its own time limit ends it."""
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is None:
-            return
-        with contextlib.suppress(DeviceError):
-            if self._let_go:
-                self._send(link, [self.limp(i) for i in self._waiting()])
-        link.close()
+        if self._let_go:
+            self._send(link, [self.limp(i) for i in self._waiting()])
 
     def recover(self, now: int) -> None:
         """Clears the drives' errors. They are without torque from then on."""
@@ -369,8 +348,3 @@ class CanAxes(Driver):
 
     def _send(self, link: CanLink, messages: Sequence[can.Message]) -> bool:
         return all([link.write(message) for message in messages])
-
-    def _open_link(self) -> CanLink:
-        if self._link is None:
-            raise DeviceLostError(self.name, "the bus isn't open", "Open it first")
-        return self._link

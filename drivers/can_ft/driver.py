@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from typing import Final, Literal
 
 import can
 import numpy as np
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from srl.drivers.can_ft.protocol import (
     CUTOFFS,
@@ -24,10 +23,11 @@ from srl.drivers.can_ft.protocol import (
     command,
 )
 from srl.drivers.canbus import CanLink, frame_bits, open_can, shared_bus
+from srl.drivers.counts import CountsConfig
 from srl.drivers.devicetime import DeviceTime
+from srl.drivers.linked import Linked
+from srl.drivers.timeout import remaining
 from srl.runtime.contracts.driver import DeviceConfig, Sensor, Traffic
-from srl.runtime.contracts.entry import BaseModel
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import WRENCH
 
@@ -43,15 +43,6 @@ STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m, peak to peak while a 
 _REMEDY: Final = (
     "Check the bus (1 Mbit/s, 120 ohm at both ends; the sensor has no terminator of its own), its supply and 'ids'"
 )
-
-
-class CountsConfig(BaseModel):
-    """Counts per unit."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    force: float = Field(gt=0, allow_inf_nan=False, description="counts per N")
-    torque: float = Field(gt=0, allow_inf_nan=False, description="counts per N m")
 
 
 class CanFtConfig(DeviceConfig):
@@ -82,7 +73,7 @@ class CanFtConfig(DeviceConfig):
         return value
 
 
-class CanFt(Sensor):
+class CanFt(Linked[CanLink], Sensor):
     """A Robotous RFT force/torque sensor on CAN.
 
     State `wrench` (6,): force (N), then torque (N m), in the frame of the options. The sensor sends neither a counter
@@ -103,9 +94,7 @@ class CanFt(Sensor):
         self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),)
         ids = dict(zip(config.ids, ("commands", "first halves of records", "second halves of records"), strict=True))
         self.traffic = Traffic(shared_bus(config.port), 1e6, 0.0, 2 * frame_bits(8) * config.rate, ids)
-        self._place = f"{name} ({config.port})"
         self._parser = Parser(config.ids[1], config.ids[2])
-        self._link: CanLink | None = None
         self._time = DeviceTime(1)
         self._first_at = 0.0  # the interface's time of the first half that waits for its second
         self._scale: Array = np.ones(6)
@@ -126,57 +115,41 @@ class CanFt(Sensor):
 
     # -- lifecycle
 
-    def open(self) -> None:
-        """Blocks up to 5 s."""
-        self.close()
+    def connect(self) -> CanLink:
         filters = [{"can_id": number, "can_mask": 0x7FF} for number in self.config.ids[1:]]
-        link = self._link = open_can(self.config.port, place=self._place, filters=filters)
-        try:
-            self._silence(link)
-            self._identify(link)
-            for setting in self._settings:
-                self._set(link, setting)
-            for frame in self._unbias:
-                self._send(link, frame)
-            self._stream(link)
-            if self.config.bias and self._zero is None:
-                self._zero = self._unloaded(link)
-        except DeviceError:
-            self.close()
-            raise
+        return open_can(self.config.port, place=self._place, filters=filters)
+
+    def _set_up(self, link: CanLink) -> None:
+        """Blocks up to 5 s."""
+        self._silence(link)
+        self._identify(link)
+        for setting in self._settings:
+            self._set(link, setting)
+        for frame in self._unbias:
+            self._send(link, frame)
+        self._stream(link)
+        if self.config.bias and self._zero is None:
+            self._zero = self._unloaded(link)
         self._time.restart()
         self._heard = self._asked = -1
-        self.health.opened()
         self.health.message = self._names["model"]
 
-    def read(self, now: int) -> None:
-        link = self._link
-        if link is None:
-            raise DeviceLostError(self._place, "the sensor isn't open", "Open it first")
+    def _receive(self, link: CanLink, now: int) -> None:
         if self._heard < 0:
             self._heard = self._asked = now
-        try:
-            newest, at = self._take(link.read())
-            if newest is not None:
-                self._heard = now
-                self._fill(newest, at, now)
-            elif now - self._heard > GONE:
-                raise DeviceLostError(self._place, f"no records for {GONE / 1e9:g} s", _REMEDY)
-            elif now - max(self._heard, self._asked) > self._timeout:
-                self._asked = now
-                self._asks += self._ask_again(link)
-                self.health.message = f"no records; the stream was asked for again {self._asks} times"
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+        newest, at = self._take(link.read())
+        if newest is not None:
+            self._heard = now
+            self._fill(newest, at, now)
+        elif now - self._heard > GONE:
+            raise self._lost(f"no records for {GONE / 1e9:g} s", _REMEDY)
+        elif now - max(self._heard, self._asked) > self._timeout:
+            self._asked = now
+            self._asks += self._ask_again(link)
+            self.health.message = f"no records; the stream was asked for again {self._asks} times"
 
-    def close(self) -> None:
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is not None:
-            with contextlib.suppress(DeviceError):
-                link.write(self._message(command(Command.STOP)))
-            link.close()
+    def _end(self, link: CanLink) -> None:
+        link.write(self._message(command(Command.STOP)))
 
     def metrics(self) -> dict[str, object]:
         """Returns model, serial number, firmware; records with an overload; number of repeated stream requests."""
@@ -229,12 +202,11 @@ class CanFt(Sensor):
         """Ends a stream that an earlier program left on, and discards the frames on their way."""
         for _ in range(TRIES):
             self._send(link, command(Command.STOP))
-            deadline = time.monotonic() + ANSWER
-            while time.monotonic() < deadline:
+            for _ in remaining(ANSWER):
                 if not link.read_wait(QUIET):
                     self._parser.reset()
                     return
-        raise DeviceError(self._place, "the sensor keeps sending though it was told to stop", _REMEDY)
+        raise self._error("the sensor keeps sending though it was told to stop", _REMEDY)
 
     def _identify(self, link: CanLink) -> None:
         config = self.config
@@ -243,12 +215,9 @@ class CanFt(Sensor):
         firmware = self._ask(link, command(Command.FIRMWARE)).text
         self._names = {"model": model, "serial": serial, "firmware": firmware}
         if config.model is not None and model != config.model:
-            raise DeviceError(
-                self._place, f"this sensor is a '{model}', the profile says '{config.model}'", f"Set 'model: {model}'"
-            )
+            raise self._error(f"this sensor is a '{model}', the profile says '{config.model}'", f"Set 'model: {model}'")
         if config.serial is not None and serial != config.serial:
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"this sensor's serial number is '{serial}', the profile says '{config.serial}'",
                 "Plug in that one, or correct 'serial'",
             )
@@ -257,8 +226,7 @@ class CanFt(Sensor):
         elif model in DIVISORS:
             per_force, per_torque = DIVISORS[model]
         else:
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"the counts of the model '{model}' aren't known; known: {', '.join(DIVISORS)}",
                 "Give 'counts' in the profile, from the sensor's manual",
             )
@@ -269,16 +237,15 @@ class CanFt(Sensor):
         if values[0] != 1:
             what = "filter" if setting[0] == Command.SET_FILTER else "rate"
             why = ERRORS.get(values[1], f"error {values[1]}")
-            raise DeviceError(self._place, f"the sensor refused the {what}: {why}", f"Choose another '{what}'")
+            raise self._error(f"the sensor refused the {what}: {why}", f"Choose another '{what}'")
 
     def _stream(self, link: CanLink) -> None:
         for _ in range(TRIES):
             self._send(link, command(Command.START))
-            deadline = time.monotonic() + ANSWER + 2 / self.config.rate
-            while (left := deadline - time.monotonic()) > 0:
+            for left in remaining(ANSWER + 2 / self.config.rate):
                 if self._take(link.read_wait(left))[0] is not None:
                     return
-        raise DeviceError(self._place, "the sensor doesn't stream", _REMEDY)
+        raise self._error("the sensor doesn't stream", _REMEDY)
 
     def _unloaded(self, link: CanLink) -> Array:
         """Returns the mean of the present readings, (6,) N, N m.
@@ -286,21 +253,17 @@ class CanFt(Sensor):
         The driver subtracts it, because the sensor's own bias isn't acknowledged and is lost with its power.
         """
         found: list[tuple[int, ...]] = []
-        deadline = time.monotonic() + max(LOOK, 2 * FEWEST / self.config.rate)
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(max(LOOK, 2 * FEWEST / self.config.rate)):
             record, _ = self._take(link.read_wait(left))
             if record is not None and record.overload:
-                raise DeviceError(
-                    self._place, f"overload of {', '.join(record.overloaded)}: no zero can be taken", "Unload it"
-                )
+                raise self._error(f"overload of {', '.join(record.overloaded)}: no zero can be taken", "Unload it")
             if record is not None:
                 found.append(record.counts)
         if len(found) < FEWEST:
-            raise DeviceError(self._place, "its records stopped while a zero was taken", _REMEDY)
+            raise self._error("its records stopped while a zero was taken", _REMEDY)
         load = np.array(found) * self._scale
         if np.any(np.ptp(load, axis=0) > STEADY):
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 "the load moves, so it can't be taken for zero",
                 "Let go of the sensor and of what is mounted on it; then open it again",
             )
@@ -311,8 +274,7 @@ class CanFt(Sensor):
         heard = 0
         for _ in range(TRIES):
             self._send(link, frame)
-            deadline = time.monotonic() + ANSWER
-            while (left := deadline - time.monotonic()) > 0:
+            for left in remaining(ANSWER):
                 for message in link.read_wait(left):
                     heard += 1
                     for found in self._parser.feed(message.arbitration_id, message.data):
@@ -321,13 +283,11 @@ class CanFt(Sensor):
         name = Command(frame[0]).name
         what = f"{heard} frames of other content" if heard else "no frame"
         first, second = self.config.ids[1:]
-        raise DeviceError(
-            self._place, f"expected an RFT's answer to {name} on ids {first:#x} and {second:#x}, got {what}", _REMEDY
-        )
+        raise self._error(f"expected an RFT's answer to {name} on ids {first:#x} and {second:#x}, got {what}", _REMEDY)
 
     def _send(self, link: CanLink, frame: bytes) -> None:
         deadline = time.monotonic() + ANSWER
         while not link.write(self._message(frame)):
             if time.monotonic() > deadline:
-                raise DeviceError(self._place, "the bus takes no frame: nobody acknowledges it", _REMEDY)
+                raise self._error("the bus takes no frame: nobody acknowledges it", _REMEDY)
             time.sleep(0.001)

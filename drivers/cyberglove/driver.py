@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import time
 import zlib
 from math import pi
 from typing import Annotated, Final, Literal
@@ -13,9 +11,11 @@ from pydantic import Field
 
 from srl.drivers.cyberglove import calibration
 from srl.drivers.cyberglove.protocol import BAUDRATE, LABELS, START, STOP, Parser, Record, Reply, assign, query
+from srl.drivers.linked import Linked
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.driver import DeviceConfig, Sensor
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.files import FileOption, KeptFile
 from srl.runtime.contracts.signals import Signal
 
@@ -45,7 +45,7 @@ class CyberGloveConfig(DeviceConfig):
     )
 
 
-class CyberGlove(Sensor):
+class CyberGlove(Linked[Transport], Sensor):
     """A CyberGlove data glove.
 
     States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1. With the option
@@ -81,7 +81,6 @@ class CyberGlove(Sensor):
         self._calibration = self._load_calibration()  # here, so that `srl check` refuses what a run would
         self.simulated = "calibration" if self._calibration.simulated else ""
         self._parser = Parser(config.sensors)
-        self._link: Transport | None = None
         # A glove forgets these settings when it is switched off, so a request to restart the stream repeats them.
         self._settings = (assign("N", config.sensors), assign("D", 0), assign("U", 1))
         self._since = -1  # ns: the newest record of any kind, or the newest request to stream
@@ -90,46 +89,31 @@ class CyberGlove(Sensor):
 
     # -- lifecycle
 
-    def open(self) -> None:
-        self.close()
-        link = self._link = open_transport(self.port, place=self._place, baudrate=BAUDRATE)
-        try:
-            self._silence(link)
-            self._identify(link)
-            self._stream(link)
-        except DeviceError:
-            self.close()
-            raise
+    def connect(self) -> Transport:
+        return open_transport(self.port, place=self._place, baudrate=BAUDRATE)
+
+    def _set_up(self, link: Transport) -> None:
+        self._silence(link)
+        self._identify(link)
+        self._stream(link)
         self._since = -1
-        self.health.opened()
         self.health.message = "" if self._raw else self._calibration.note
 
-    def read(self, now: int) -> None:
-        if self._link is None:
-            raise DeviceLostError(self._place, "the glove isn't open", "Open it first")
-        try:
-            data = self._link.read()
-            if self._since < 0:
-                self._since = now
-            newest = self._take(data) if data else None
-            if newest is not None:
-                self._since = now
-                self._fill(newest, now)
-            elif now - self._since > RESTART:
-                self._since = now
-                self._restarts += self._link.write(b"".join(self._settings) + START)
-                self.health.message = f"no records; streaming was asked for again {self._restarts} times"
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+    def _receive(self, link: Transport, now: int) -> None:
+        data = link.read()
+        if self._since < 0:
+            self._since = now
+        newest = self._take(data) if data else None
+        if newest is not None:
+            self._since = now
+            self._fill(newest, now)
+        elif now - self._since > RESTART:
+            self._since = now
+            self._restarts += link.write(b"".join(self._settings) + START)
+            self.health.message = f"no records; streaming was asked for again {self._restarts} times"
 
-    def close(self) -> None:
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is not None:
-            with contextlib.suppress(DeviceError):
-                link.write(STOP)
-            link.close()
+    def _end(self, link: Transport) -> None:
+        link.write(STOP)
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
@@ -177,17 +161,12 @@ class CyberGlove(Sensor):
 
     # -- opening
 
-    @property
-    def _place(self) -> str:
-        return f"{self.name} ({self.port})"
-
     def _load_calibration(self) -> calibration.Calibration:
         if self._calibration_file is None:
             return calibration.default(self.sensors)
         loaded = calibration.load(self._calibration_file, self.sensors)
         if loaded.hand not in (None, self.hand):
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"{self._calibration_file.path} is of a {loaded.hand} hand, the profile says {self.hand}",
                 "Name that hand's calibration, or correct 'hand'",
             )
@@ -197,33 +176,28 @@ class CyberGlove(Sensor):
         """Ends a stream that an earlier client left on, and discards the bytes on their way."""
         for _ in range(TRIES):
             link.write_all(STOP, ANSWER)
-            deadline = time.monotonic() + ANSWER
-            while time.monotonic() < deadline:
+            for _ in remaining(ANSWER):
                 if not link.read_wait(QUIET):
                     return
-        raise DeviceError(self._place, "the device keeps sending though it was told to stop", _REMEDY)
+        raise self._error("the device keeps sending though it was told to stop", _REMEDY)
 
     def _identify(self, link: Transport) -> None:
         sensors = self._ask(link, query("S"))[0]
         if sensors != self.sensors:
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"this glove has {sensors} sensors, the profile says {self.sensors}",
                 f"Set 'sensors: {sensors}'" if sensors in LABELS else _REMEDY,
             )
         ready = self._ask(link, query("G"))[0]
         if ready & 3 != 3:
             missing = "isn't plugged into its interface" if not ready & 2 else "hasn't initialised itself"
-            raise DeviceError(self._place, f"the glove {missing}", "Plug it in, switch it off and on")
+            raise self._error(f"the glove {missing}", "Plug it in, switch it off and on")
         hand = "right" if self._ask(link, query("R"))[0] == 1 else "left"
         if hand != self.hand:
-            raise DeviceError(
-                self._place, f"this is a {hand} glove, the profile says {self.hand}", f"Set 'hand: {hand}'"
-            )
+            raise self._error(f"this is a {hand} glove, the profile says {self.hand}", f"Set 'hand: {hand}'")
 
         if self._own is not None and (now := self._settings_now(link)) != self._own:
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"the glove's own offsets and gains are other ones: 'settings' {now}, the profile says {self._own}",
                 "Another program changed them, so the counts mean other angles: calibrate again, or correct 'settings'",
             )
@@ -238,15 +212,14 @@ class CyberGlove(Sensor):
             self._ask(link, setting)
         self._parser.reset(time_stamp=False, status=True)
         link.write_all(START, ANSWER)
-        deadline = time.monotonic() + ANSWER
         heard = b""
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(ANSWER):
             data = link.read_wait(left)
             heard = heard or data
             record = self._take(data)
             if record is not None:
                 return
-        raise DeviceError(self._place, f"the glove doesn't stream: it sent {_shown(heard)}", _REMEDY)
+        raise self._error(f"the glove doesn't stream: it sent {_shown(heard)}", _REMEDY)
 
     def _ask(self, link: Transport, command: bytes) -> bytes:
         """Returns the value in the answer to one command."""
@@ -256,14 +229,13 @@ class CyberGlove(Sensor):
             link.flush_input()
             self._parser.reset(time_stamp=False, status=False)
             link.write_all(command, ANSWER)
-            deadline = time.monotonic() + ANSWER
-            while (left := deadline - time.monotonic()) > 0:
+            for left in remaining(ANSWER):
                 data = link.read_wait(left)
                 heard += data[: 64 - len(heard)] if len(heard) < 64 else b""
                 for message in self._parser.feed(data):
                     if isinstance(message, Reply) and message.command == expected:
                         return message.value
-        raise DeviceError(self._place, f"expected a CyberGlove's answer to {command!r}, got {_shown(heard)}", _REMEDY)
+        raise self._error(f"expected a CyberGlove's answer to {command!r}, got {_shown(heard)}", _REMEDY)
 
 
 def _shown(heard: bytes) -> str:

@@ -20,7 +20,7 @@ from srl.drivers.servo_bus import declare
 from srl.drivers.servo_bus.driver import ServoBus
 from srl.drivers.servo_bus.goals import Goals
 from srl.drivers.servo_bus.line import Line, Request
-from srl.drivers.transport import open_transport
+from srl.drivers.transport import Transport
 from srl.runtime.contracts.signals import Command, Kind, Stop
 
 _SUSPECT: Final = 0.8  # share of the watchdog's time without a packet after which it may have tripped
@@ -68,30 +68,15 @@ class Dynamixel(ServoBus):
         filler = self._units.filler
         self._limp_frames, self._zero_frames = (filler + self._limp * 2,), (filler + self._zero * 2,)
 
-    def open(self) -> None:
-        """Blocks about 0.1 s, some seconds if servos are missing.
+    def _asker(self, link: Transport) -> Session:
+        return Session(link, self._units, self.name)
 
-        Servos without torque stay without. Servos with torque, from an earlier run, continue to hold.
-        """
-        self.close()
-        link = open_transport(self.config.port, place=self.name, baudrate=self.config.baudrate)
-        try:
-            session = Session(link, self._units, self.name)
-            bus = set_up(session, scan=not self.health.was_open)
-        except BaseException:
-            link.close()
-            raise
-        self._link, self._bus = link, bus
-        self._line = Line(link, self._units)
-        self._forget()
-        self._goals.powered = list(bus.powered)
-        self._faults.clear()
+    def _identify(self, asker: Session, scan: bool) -> Bus:
+        return set_up(asker, scan)
+
+    def _found(self, bus: Bus) -> None:
         for i, bits in enumerate(bus.errors):
             self._faults.hardware(i, bits, self._units.protocol)
-        self._name_faults()
-        self.limits = {self.config.command: bus.limits}
-        self._keep(session.parser.frames, session.parser.errors, session.parser.resyncs)
-        self.health.opened()
         self.health.message = f"firmware {', '.join(map(str, bus.firmware))}"
 
     def stop(self, category: Stop) -> None:

@@ -17,7 +17,7 @@ from srl.drivers.dynamixel import protocol2, table
 from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.servo_bus import protocol1
 from srl.drivers.servo_bus.models import CENTRE, COUNTS
-from srl.drivers.servo_bus.units import Parser, Units, Wire
+from srl.drivers.servo_bus.units import VOLT, Parser, Units, Wire
 from srl.runtime.contracts.signals import Array, Limits
 
 VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s per unit
@@ -25,7 +25,6 @@ VELOCITY1: Final = 0.114 * 2 * pi / 60
 CURRENT2: Final = 3.36e-3  # A per unit
 CURRENT1: Final = 4.5e-3
 LOAD: Final = 1e-3  # of the stall torque, per unit
-VOLT: Final = 0.1
 WATCHDOG: Final = 0.02  # s per unit
 RETURN_DELAY: Final = 2e-6  # s per unit
 UNITS: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
@@ -35,13 +34,10 @@ class Family(Units):
     """One firmware family on this bus.
 
     Attributes:
-        velocity_unit: rad/s per unit; current_unit: A per unit.
         filler: bytes that complete any packet that was cut short, without harm.
     """
 
     protocol: ClassVar[int]
-    velocity_unit: ClassVar[float]
-    current_unit: ClassVar[float]
     filler: bytes
 
     def __init__(self, config: DynamixelConfig) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from srl.drivers.servo_bus.packets import BROADCAST, Counts, Instruction, Status
+from srl.drivers.servo_bus.packets import BROADCAST, Instruction, PacketParser, Status
 
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08, 0x10
 STATUS, SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x55, 0x82, 0x83, 0x8A
@@ -136,19 +136,18 @@ def split_fast(common: Status, size: int) -> list[Status]:
     return parts
 
 
-class Parser(Counts):
-    """Finds packets in a stream of bytes, no matter how it is split; the same bytes give the same packets.
+class Parser(PacketParser):
+    """See `PacketParser`. Packets of the other direction are skipped without a count.
 
-    Packets of the other direction are skipped without a count: for the host an adapter's echo of the host's own bytes,
-    for a servo other servos' answers.
+    For the host an adapter's echo of the host's own bytes is such, for a servo other servos' answers.
     """
+
+    header = _HEADER
 
     def __init__(self, longest: int = LONGEST) -> None:
         """`longest`: greatest LEN of a packet."""
         super().__init__()
         self._longest = longest
-        self._buffer = bytearray()
-        self._searching = False
 
     def statuses(self, data: bytes) -> list[Status]:
         """Takes any bytes and returns the statuses they complete, oldest first. Never raises."""
@@ -162,70 +161,22 @@ class Parser(Counts):
         """Takes any bytes and returns the instructions they complete, oldest first. Never raises."""
         return [Instruction(id, body[0], body[1:]) for id, body in self._packets(data) if body[0] != STATUS]
 
-    def forget(self) -> None:
-        """Drops an incomplete packet: the rest of it won't come."""
-        if self._buffer:
-            self._buffer.clear()
-            self.errors += 1
-        self._searching = False
+    def _end(self, buffer: bytearray, start: int) -> int | None:
+        head = buffer[start + 3 : start + 5]  # the reserved byte and the id, as far as they have arrived
+        if (head and head[0]) or (len(head) > 1 and (head[1] > BROADCAST or head[1] == 0xFD)):
+            return 0
+        if len(buffer) < start + 7:
+            return None
+        length = buffer[start + 5] | buffer[start + 6] << 8
+        return start + 7 + length if 3 <= length <= self._longest else 0
 
-    def _packets(self, data: bytes) -> list[tuple[int, bytes]]:
-        buffer = self._buffer
-        buffer += data
-        found: list[tuple[int, bytes]] = []
-        at = 0
-        while True:
-            start = buffer.find(_HEADER, at)
-            if start < 0:
-                # The last bytes may be the first ones of a header.
-                keep = 2 if buffer.endswith(b"\xff\xff") else 1 if buffer.endswith(b"\xff") else 0
-                start = max(at, len(buffer) - keep)
-                self._skip(start - at)
-                at = start
-                break
-            self._skip(start - at)
-            at = start
-            if len(buffer) < start + 7:
-                if not self._may_begin(buffer, start):
-                    self._skip(1)
-                    at = start + 1
-                    continue
-                break
-            length = buffer[start + 5] | buffer[start + 6] << 8
-            if not self._may_begin(buffer, start) or not 3 <= length <= self._longest:
-                self._skip(1)
-                at = start + 1
-                continue
-            end = start + 7 + length
-            if len(buffer) < end:
-                break
-            if crc16(memoryview(buffer)[start : end - 2]) != buffer[end - 2] | buffer[end - 1] << 8:
-                self.errors += 1
-                self._skip(1)
-                at = start + 1
-                continue
-            body = bytes(buffer[start + 7 : end - 2])
-            id = buffer[start + 4]
-            if b"\xff\xff\xfd\xfd" in body and not (id == BROADCAST and body[0] == STATUS):
-                body = body.replace(b"\xff\xff\xfd\xfd", _HEADER)
-            found.append((id, body))
-            self.frames += 1
-            self._searching = False
-            at = end
-        del buffer[:at]
-        return found
-
-    @staticmethod
-    def _may_begin(buffer: bytearray, start: int) -> bool:
-        """Returns whether reserved byte and id, as far as they have arrived, are those of a packet."""
-        head = buffer[start + 3 : start + 5]
-        return (not head or head[0] == 0) and (len(head) < 2 or (head[1] <= BROADCAST and head[1] != 0xFD))
-
-    def _skip(self, count: int) -> None:
-        if count:
-            self.skipped += count
-            self.resyncs += not self._searching
-            self._searching = True
+    def _packet(self, buffer: bytearray, start: int, end: int) -> tuple[int, bytes] | None:
+        if crc16(memoryview(buffer)[start : end - 2]) != buffer[end - 2] | buffer[end - 1] << 8:
+            return None
+        id, body = buffer[start + 4], bytes(buffer[start + 7 : end - 2])
+        if b"\xff\xff\xfd\xfd" in body and not (id == BROADCAST and body[0] == STATUS):
+            body = body.replace(b"\xff\xff\xfd\xfd", _HEADER)
+        return id, body
 
 
 def _u16(value: int) -> bytes:

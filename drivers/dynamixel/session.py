@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -14,6 +13,7 @@ from srl.drivers.servo_bus import protocol1
 from srl.drivers.servo_bus.asking import Asker
 from srl.drivers.servo_bus.packets import BROADCAST
 from srl.drivers.servo_bus.register import Register
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.errors import DeviceError
 
@@ -130,8 +130,7 @@ def _listen(link: Transport, family: Family, seconds: float) -> dict[int, int]:
         return found
     link.flush_input()
     link.write_all(protocol2.ping(BROADCAST), 1.0)
-    deadline = time.monotonic() + seconds
-    while (left := deadline - time.monotonic()) > 0:
+    for left in remaining(seconds):
         for status in parser.statuses(link.read_wait(left)):
             if len(status.data) == 3:
                 found[status.id] = status.data[0] | status.data[1] << 8
@@ -199,8 +198,7 @@ def _heard(link: Transport, ids: tuple[int, ...]) -> tuple[int, dict[int, int]]:
         for ping in pings:
             link.flush_input()
             link.write_all(ping, 1.0)
-            deadline = time.monotonic() + SCAN
-            while (left := deadline - time.monotonic()) > 0:
+            for left in remaining(SCAN):
                 for status in parser.statuses(link.read_wait(left)):
                     data = status.data
                     found[status.id] = data[0] | data[1] << 8 if len(data) == 3 else 0

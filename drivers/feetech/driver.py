@@ -21,7 +21,6 @@ from srl.drivers.servo_bus import declare
 from srl.drivers.servo_bus.asking import Asker
 from srl.drivers.servo_bus.driver import ServoBus
 from srl.drivers.servo_bus.line import Line, Request
-from srl.drivers.transport import open_transport
 from srl.runtime.contracts.signals import Stop
 
 _COMMAND: Final = "position_command"
@@ -57,32 +56,14 @@ class Feetech(ServoBus):
         self._unsure = False  # a servo was silent: it may have lost its power, so it is looked at before it gets a goal
         self._frames: tuple[bytes | None, tuple[bytes, ...], tuple[bytes, ...]] = None, (), ()  # goals; hold; LIMP
 
-    def open(self) -> None:
-        """Blocks about 0.1 s, some seconds if servos are missing.
+    def _identify(self, asker: Asker, scan: bool) -> Bus:
+        return set_up(asker, self._units, scan)
 
-        Servos without torque stay without. Servos with torque, from an earlier run, continue to hold.
-        """
-        self.close()
-        link = open_transport(self.config.port, place=self.name, baudrate=self.config.baudrate)
-        try:
-            asker = Asker(link, self._units, self.name)
-            bus = set_up(asker, self._units, scan=not self.health.was_open)
-        except BaseException:
-            link.close()
-            raise
-        self._link, self._bus = link, bus
-        self._line = Line(link, self._units)
+    def _found(self, bus: Bus) -> None:
         self._units.seen = None
-        self._forget()
         self._watch = Watch(tuple(self.config.motors), bus.hottest, bus.voltages)
-        self._goals.powered = list(bus.powered)
-        self._faults.clear()
         for i, bits in enumerate(bus.errors):
             self._faults.bits(i, bits)
-        self._name_faults()
-        self.limits = {_COMMAND: bus.limits}
-        self._keep(asker.parser.frames, asker.parser.errors, asker.parser.resyncs)
-        self.health.opened()
         self._message = f"firmware {', '.join(sorted(set(bus.firmware)))}"
         if len(set(bus.firmware)) > 1:
             self._message += " (mixed: some versions answer a sync read differently; update the older ones)"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -14,6 +13,7 @@ from srl.drivers.feetech.units import RETURN_DELAY, FeetechUnits, own_range
 from srl.drivers.servo_bus.asking import Asker
 from srl.drivers.servo_bus.packets import Status
 from srl.drivers.servo_bus.register import Register
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Limits
@@ -229,8 +229,7 @@ def _answers(link: Transport, frame: bytes) -> list[Status]:
     found: list[Status] = []
     link.flush_input()
     link.write_all(frame, 1.0)
-    deadline = time.monotonic() + SCAN
-    while (left := deadline - time.monotonic()) > 0:
+    for left in remaining(SCAN):
         found += parser.statuses(link.read_wait(left))
     return found
 

@@ -14,11 +14,10 @@ from srl.drivers.feetech.config import FeetechConfig
 from srl.drivers.feetech.table import TABLE, TURNS, signed
 from srl.drivers.servo_bus.models import PER_COUNT
 from srl.drivers.servo_bus.register import Register
-from srl.drivers.servo_bus.units import Units, Wire
+from srl.drivers.servo_bus.units import VOLT, Units, Wire
 from srl.runtime.contracts.signals import Array, Limits
 
 CURRENT: Final = 6.5e-3  # A per unit; one source only
-VOLT: Final = 0.1
 RETURN_DELAY: Final = 2e-6  # s per unit
 SAMPLE: Final = np.dtype(
     {
@@ -34,6 +33,7 @@ class FeetechUnits(Units):
     """STS servos on one bus. A sample is position to current, a check everything volatile up to there."""
 
     goal_format: ClassVar[str] = "u"
+    velocity_unit, current_unit = PER_COUNT, CURRENT
     sample = extra = (56, 15)
     check = (40, 31)
 
@@ -45,6 +45,7 @@ class FeetechUnits(Units):
         self.mode = config.mode
         super().__init__(config.ids, motors)
         scale = np.array([motor.scale for motor in motors])
+        self.per_velocity = self.per_count
         self.current_effort = np.array([motor.newton_metres for motor in motors]) * CURRENT / scale
         self._begin(1)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from srl.drivers.firmata import protocol
 from srl.drivers.firmata.protocol import Decoder, Message, Mode, Version
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.errors import DeviceError
 
@@ -93,8 +93,7 @@ def require(board: Board, pin: int, mode: Mode, part: str, place: str) -> None:
 
 def listen(link: Transport, decoder: Decoder, seconds: float, heard: bytearray | None = None) -> Iterator[Message]:
     """Yields the messages of the next `seconds`, as they come; `heard` collects the raw bytes. Blocks."""
-    deadline = time.monotonic() + seconds
-    while (left := deadline - time.monotonic()) > 0:
+    for left in remaining(seconds):
         data = link.read_wait(left)
         if heard is not None:
             heard += data

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import importlib.util
-import time
-from typing import Any, Final, NoReturn
+from typing import Any, Final, cast
 
 import numpy as np
 
 from srl.drivers.helper_process import HelperProcess, ProcessEndedError
+from srl.drivers.linked import Addressed
 from srl.drivers.lsl import wire
 from srl.drivers.lsl.config import LslConfig
 from srl.drivers.lsl.match import match
 from srl.drivers.lsl.rows import Rows
+from srl.drivers.timeout import remaining
 from srl.runtime.contracts.driver import Sensor
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 START: Final = 15.0  # s for the process to begin, find the stream and describe it
 FIRST: Final = 3.0  # s for a regular stream's first sample
@@ -47,7 +47,7 @@ class Rate:
         return None if SLOW * self._rate <= found <= FAST * self._rate else found
 
 
-class Lsl(Sensor):
+class Lsl(Addressed, Sensor):
     """One stream of the Lab Streaming Layer; the states are those that the profile lists.
 
     A state is (n,), the newest sample, or with `block: k` (k, n), the newest k samples, oldest first, beside `count`
@@ -72,7 +72,6 @@ class Lsl(Sensor):
         super().__init__(name, config)
         self._config = config
         self.states = config.states()
-        self._place = f"{name} ({config.port})"
         self._helper = HelperProcess(self._place, "srl.drivers.lsl", "LSL process")
         self._rows = Rows(config, {})
         self._latency, self._silence = round(config.latency * 1e9), round(config.silence * 1e9)
@@ -94,7 +93,7 @@ class Lsl(Sensor):
                 rate, number of channels, label or unit; stamps of another clock.
         """
         if importlib.util.find_spec("pylsl") is None:
-            raise DeviceError(self._place, "the package pylsl isn't installed", "pip install 'srl-runtime[lsl]'")
+            raise self._error("the package pylsl isn't installed", "pip install 'srl-runtime[lsl]'")
         self.close()
         config = self._config
         try:
@@ -102,15 +101,14 @@ class Lsl(Sensor):
             wanted, exposed = config.stream.predicate(), config.unencrypted_network
             order = wire.Order(config.host, config.number, exposed, config.here, wanted)
             self._helper.tell(wire.words(b"O", order._asdict()))
-            description = self._await(START, "R")
-            assert isinstance(description, wire.Words)
+            description = cast(wire.Words, self._await(START, "R"))
             self._rows = Rows(config, match(self._place, config, description.content))
             if config.rate:
-                self._check_clock(self._await(FIRST, "D"))
+                self._check_clock(cast(wire.Data, self._await(FIRST, "D")))
         except ProcessEndedError:
             self.close()
             problem, remedy = "its LSL process has ended", "Look at the host's memory and limits"
-            raise DeviceError(self._place, problem, remedy) from None
+            raise self._error(problem, remedy) from None
         except BaseException:
             self.close()
             raise
@@ -121,7 +119,7 @@ class Lsl(Sensor):
 
     def read(self, now: int) -> None:
         if not self.health.connected:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+            raise self._not_open()
         arrived, self._kept = self._kept, []
         try:
             for _ in range(MOST):
@@ -130,16 +128,16 @@ class Lsl(Sensor):
                     break
                 item = wire.read(message)
                 if isinstance(item, wire.Words):
-                    self._lost(item.content["problem"], item.content["remedy"])
+                    raise self._lost(item.content["problem"], item.content["remedy"])
                 arrived.append(item)
         except ProcessEndedError:
-            self._lost("its LSL process has ended", "It is started again")
+            raise self._lost("its LSL process has ended", "It is started again") from None
         for item in arrived:
             self._take(item)
         if arrived or self._heard < 0:
             self._heard = now
         elif self._config.rate and now - self._heard > self._silence:
-            self._lost(f"nothing came for {self._config.silence:g} s", _SENDER)
+            raise self._lost(f"nothing came for {self._config.silence:g} s", _SENDER)
 
     def close(self) -> None:
         self.health.connected = False
@@ -166,14 +164,13 @@ class Lsl(Sensor):
             self.health.message = self._problem = problem
         found = self._rate.wrong(self._next, item.arrived) if self._config.rate else None
         if found is not None:
-            self._lost(f"it brings {found:.0f} samples a second, and says {self._config.rate:g}", _SENDER)
+            raise self._lost(f"it brings {found:.0f} samples a second, and says {self._config.rate:g}", _SENDER)
 
     # -- opening
 
     def _await(self, timeout: float, kind: str) -> wire.Words | wire.Data:
         """The description ("R") or samples ("D"). Raises DeviceError: the process says why not, or nothing."""
-        deadline = time.monotonic() + timeout
-        while (rest := deadline - time.monotonic()) > 0:
+        for rest in remaining(timeout):
             message = self._helper.take()
             if message is None:
                 self._helper.wait(rest)
@@ -186,22 +183,17 @@ class Lsl(Sensor):
             elif item.kind == b"R":
                 return item
             else:
-                raise DeviceError(self._place, item.content["problem"], item.content["remedy"])
+                raise self._error(item.content["problem"], item.content["remedy"])
         if kind == "D":
-            raise DeviceError(self._place, f"the stream is there, and sends nothing within {timeout:g} s", _SENDER)
+            raise self._error(f"the stream is there, and sends nothing within {timeout:g} s", _SENDER)
         self._helper.end_hanging()
 
-    def _check_clock(self, item: wire.Words | wire.Data) -> None:
-        assert isinstance(item, wire.Data)
+    def _check_clock(self, item: wire.Data) -> None:
         age = item.arrived * 1e-9 - (item.stamps[-1] + item.offset)
         if not abs(age) < CLOCK:
             way = f"{age:.0f} s old" if age > 0 else f"{-age:.0f} s in the future"
             problem = f"its stamps are {way} on arrival: they aren't of LSL's clock"
-            raise DeviceError(self._place, problem, "Let the sender stamp by local_clock(), or leave the stamp to LSL")
-
-    def _lost(self, problem: str, remedy: str) -> NoReturn:
-        self.health.lost(problem)
-        raise DeviceLostError(self._place, problem, remedy)
+            raise self._error(problem, "Let the sender stamp by local_clock(), or leave the stamp to LSL")
 
     def metrics(self) -> dict[str, Any]:
         """Returns the stream's uid: another one is another start of its sender."""

@@ -10,6 +10,7 @@ import can
 import numpy as np
 
 from srl.drivers.canbus import CanLink, frame_bits, open_can, shared_bus
+from srl.drivers.linked import Addressed
 from srl.drivers.mit_can import declare, protocol
 from srl.drivers.mit_can.axes import Axes
 from srl.drivers.mit_can.checks import same_place, stoppable
@@ -21,7 +22,7 @@ from srl.drivers.mit_can.motor import Motor, Stage
 from srl.drivers.mit_can.opening import Opening
 from srl.drivers.mit_can.protocol import Impedance, State
 from srl.drivers.mit_can.replies import Replies
-from srl.runtime.contracts.driver import Driver, Traffic
+from srl.runtime.contracts.driver import Traffic
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Kind, Stop
 
@@ -37,7 +38,7 @@ UNHEARD: Final = 40_000_000  # ns without a status, after which a V3 may have st
 JUMP: Final = 0.3  # rad of the shaft between two replies that no motion explains
 
 
-class MitCan(Driver):
+class MitCan(Addressed):
     """Axes driven by actuators in MIT mode.
 
     States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity`, `effort`
@@ -63,7 +64,6 @@ class MitCan(Driver):
         self.states = declare.states(config)
         self.commands = (declare.command(config),)
         self._name = self.commands[0].name
-        self._place = f"{name} ({config.port})"
         bits = 2.0 * frame_bits(8, self._v3) * len(motors)
         self.traffic = Traffic(shared_bus(config.port), config.bitrate, bits, 0.0, *declare.identifiers(config))
         if all(motor.home is not None for motor in motors):
@@ -372,8 +372,8 @@ class MitCan(Driver):
             if line.pending[i] >= UNANSWERED and now - at > (STATUS if self._v3 else SILENT):
                 faults.silent.add(i)
         if now - max(heard) > LOST:
-            raise DeviceLostError(
-                self._place, f"no motor has answered for {LOST / 1e9:g} s", "Check the bus' cable and the motors' power"
+            raise self._lost(
+                f"no motor has answered for {LOST / 1e9:g} s", "Check the bus' cable and the motors' power"
             )
         self.health.stamp = min(heard)
         plausible = [motor.plausible for motor in self._motors]
@@ -383,5 +383,5 @@ class MitCan(Driver):
 
     def _open_line(self) -> Line:
         if self._line is None:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+            raise self._not_open()
         return self._line

@@ -10,6 +10,7 @@ from srl.drivers.capture.names import Subject
 from srl.drivers.capture.selection import refuse
 from srl.drivers.capture.view import GIVES, View, signals
 from srl.drivers.devicetime import DeviceTime
+from srl.drivers.linked import Addressed
 from srl.drivers.natnet.client import Client
 from srl.drivers.natnet.config import NatNetConfig
 from srl.drivers.natnet.frame import EDITED, KNOWN, MODEL_CHANGED, MotiveFrame
@@ -23,7 +24,7 @@ _MOST: Final = 1.0  # s; a longer way from exposure to sending isn't one
 _SLOWER: Final = 0.99  # of the profile's rate
 
 
-class NatNet(Sensor):
+class NatNet(Addressed, Sensor):
     """Rigid bodies, skeletons and labelled markers from Motive, in its origin, z up.
 
     States: those of a Vicon (`srl.drivers.vicon.Vicon`), which the profile requests.
@@ -47,7 +48,6 @@ class NatNet(Sensor):
         self.states = signals(config)
         self._config = config
         self._view = View(config)
-        self._place = f"{name} ({config.port})"
         self._client = Client(config.port, self._place)
         self._scene = Scene(config)
         self._is_open = False
@@ -68,8 +68,7 @@ class NatNet(Sensor):
             client.open()
             self._select()
             if client.rate is not None and client.rate < config.rate * _SLOWER:
-                raise DeviceError(
-                    self._place,
+                raise self._error(
                     f"Motive captures {client.rate:g} frames a second, the profile needs {config.rate:g}",
                     "Raise its frame rate, or set 'rate'",
                 )
@@ -87,7 +86,7 @@ class NatNet(Sensor):
 
     def read(self, now: int) -> None:
         if not self._is_open:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+            raise self._not_open()
         client = self._client
         try:
             frame = client.read(now)
@@ -139,8 +138,7 @@ class NatNet(Sensor):
         try:
             return self._scene.take(model)
         except ValueError as error:
-            self.health.lost(str(error))
-            raise DeviceLostError(self._place, str(error), "Give each asset its own in Motive") from None
+            raise self._lost(str(error), "Give each asset its own in Motive") from None
 
     # -- cycle
 

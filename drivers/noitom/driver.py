@@ -7,6 +7,7 @@ from math import degrees
 from typing import Final
 
 from srl.drivers.datagram import Datagrams, open_datagrams
+from srl.drivers.linked import Linked
 from srl.drivers.noitom.config import NoitomConfig, signals
 from srl.drivers.noitom.floor import Floor
 from srl.drivers.noitom.pose import Pose
@@ -15,7 +16,6 @@ from srl.drivers.noitom.skeleton import Skeleton
 from srl.drivers.streamtime import Lateness, StreamTime, measured_rate
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.driver import Sensor
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is first measured
@@ -25,7 +25,7 @@ USELESS: Final = 65536  # bytes without a frame after which the form of the stre
 NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
 
 
-class Noitom(Sensor):
+class Noitom(Linked[Transport | Datagrams], Sensor):
     """A Perception Neuron suit: the poses of 59 joints.
 
     States: `rotation` (59, 4), unit quaternions w x y z, of each joint relative to its parent;
@@ -48,7 +48,6 @@ class Noitom(Sensor):
     def __init__(self, name: str, config: NoitomConfig) -> None:
         super().__init__(name, config)
         self._config = config
-        self._place = f"{name} ({config.port})"
         self.skeleton = Skeleton(config.skeleton)
         self.states = signals(self.skeleton)
         self._pose = Pose(config, self.skeleton)  # here, so that `srl check` refuses what a run would
@@ -56,7 +55,6 @@ class Noitom(Sensor):
         self.simulated = "calibration" if made is not None and made.simulated else ""
         self._note = "" if made is None else f", heading turned back by {degrees(made.heading):.1f} degrees"
         self._floor = Floor(self.skeleton, config.order)
-        self._link: Transport | Datagrams | None = None
         self._parser: Parser = BinaryParser()
         self._clock = StreamTime(100.0)
         self._useless = 0  # bytes since the newest frame
@@ -67,29 +65,14 @@ class Noitom(Sensor):
 
     # -- lifecycle
 
-    def open(self) -> None:
-        self.close()
-        datagrams = self._config.port.startswith("udp://")
-        link = self._link = (
-            open_datagrams(self._config.port, place=self._place, listen=True)
-            if datagrams
-            else open_transport(self._config.port, place=self._place)
-        )
-        try:
-            self._find(link)
-        except DeviceError:
-            self.close()
-            raise
-        self.health.opened()
+    def connect(self) -> Transport | Datagrams:
+        port = self._config.port
+        if port.startswith("udp://"):
+            return open_datagrams(port, place=self._place, listen=True)
+        return open_transport(port, place=self._place)
 
-    def read(self, now: int) -> None:
-        if self._link is None:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
-        try:
-            data = self._take(self._link)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+    def _receive(self, link: Transport | Datagrams, now: int) -> None:
+        data = _joined(link.read())
         if not data:
             return
         before = self._parser.frames
@@ -102,24 +85,13 @@ class Noitom(Sensor):
             return
         self._useless += len(data)
         if self._useless > USELESS:
-            self.health.lost("what comes is no frame any more")
-            raise DeviceLostError(self._place, "what comes is no frame any more", "It is looked at anew")
-
-    def close(self) -> None:
-        link, self._link = self._link, None
-        self.health.connected = False
-        if link is not None:
-            link.close()
+            raise self._lost("what comes is no frame any more", "It is looked at anew")
 
     def metrics(self) -> dict[str, object]:
         """Returns the measured frame rate, frames that were never received, frames of other avatars."""
         return {"rate_hz": round(self._clock.rate, 2), "gaps": self._gaps, "others": self._parser.others}
 
     # -- cycle
-
-    def _take(self, link: Transport | Datagrams) -> bytes:
-        data = link.read()
-        return data if isinstance(data, bytes) else b"".join(data)
 
     def _count(self) -> None:
         health, parser = self.health, self._parser
@@ -142,16 +114,15 @@ class Noitom(Sensor):
 
     # -- opening
 
-    def _find(self, link: Transport | Datagrams) -> None:
+    def _set_up(self, link: Transport | Datagrams) -> None:
         """Detects which of the two forms the stream has, and measures its rate."""
         avatar = self._config.avatar
         parsers: tuple[Parser, ...] = (BinaryParser(avatar), TextParser(avatar))
         heard, times, numbers = b"", list[float](), list[int]()
         until = time.monotonic() + FIRST
         while (left := until - time.monotonic()) > 0:
-            data = link.read_wait(left)
+            data = _joined(link.read_wait(left))
             came = time.monotonic()
-            data = data if isinstance(data, bytes) else b"".join(data)
             heard = (heard + data)[:256]
             for parser in parsers:
                 frame = parser.feed(data)
@@ -166,13 +137,11 @@ class Noitom(Sensor):
             if len(times) >= ENOUGH and came - times[0] > MEASURE:
                 break
         if not times:
-            raise DeviceError(self._place, *self._refusal(heard, parsers))
+            raise self._error(*self._refusal(heard, parsers))
         mean = (numbers[-1] - numbers[0]) / (times[-1] - times[0]) if times[-1] > times[0] else 0.0
         if not 5 < mean < 1000:
-            raise DeviceError(
-                self._place,
-                f"its frames come {mean:.1f} times a second",
-                "Set the broadcast's frequency to 60 Hz or more",
+            raise self._error(
+                f"its frames come {mean:.1f} times a second", "Set the broadcast's frequency to 60 Hz or more"
             )
         self._parser = parsers[0]
         unseen = self._config.port.startswith("udp://") and isinstance(self._parser, TextParser)
@@ -200,3 +169,7 @@ class Noitom(Sensor):
             return "the avatar's name has a space in it", "Give the avatar a name of one word in the software"
         shown = heard[:40].decode("ascii", "replace") if heard[:20].isascii() else heard[:16].hex(" ")
         return f"expected BVH frames of 59 joints, got '{shown}'", NEW_HEADER
+
+
+def _joined(data: bytes | list[bytes]) -> bytes:
+    return data if isinstance(data, bytes) else b"".join(data)

@@ -14,6 +14,7 @@ from srl.drivers.odrive import protocol, words
 from srl.drivers.odrive.config import Endpoints, OdriveAxis, OdriveConfig
 from srl.drivers.odrive.protocol import Command
 from srl.drivers.odrive.units import Scale
+from srl.drivers.timeout import remaining
 from srl.runtime.contracts.errors import DeviceError
 
 LISTEN: Final = 0.4  # s; a heartbeat comes every 0.1 s
@@ -26,8 +27,7 @@ Question = Callable[..., list[bytes]]
 def listen(link: CanLink, seconds: float) -> dict[int, dict[int, bytes]]:
     """The newest data of each message by node and command, without requests."""
     found: dict[int, dict[int, bytes]] = {}
-    deadline = time.monotonic() + seconds
-    while (left := deadline - time.monotonic()) > 0:
+    for left in remaining(seconds):
         for message in link.read_wait(left):
             if not message.is_extended_id and not message.is_remote_frame:
                 node, command = protocol.split(message.arbitration_id)

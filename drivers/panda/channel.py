@@ -10,6 +10,7 @@ from typing import Final
 from srl.drivers.panda.packets import VERSIONS
 from srl.drivers.panda.protocol import Reply, ReplyParser, Status, encode_request
 from srl.drivers.panda.requests import Body, Connect
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
@@ -132,8 +133,7 @@ def open_channel(url: str, *, place: str, port: int, version: int) -> Channel:
 def _connect(link: Transport, version: int, port: int, place: str) -> Reply:
     link.write_all(encode_request(version, 0, Connect(version, port)), ANSWER)
     parser = ReplyParser(version)
-    deadline = time.monotonic() + ANSWER
-    while (left := deadline - time.monotonic()) > 0:
+    for left in remaining(ANSWER):
         for reply in parser.feed(link.read_wait(left)):
             if reply.command is Connect:
                 return reply

@@ -12,6 +12,7 @@ import numpy as np
 
 from srl.drivers.datagram import Datagrams, open_datagrams
 from srl.drivers.devicetime import DeviceTime
+from srl.drivers.linked import Addressed
 from srl.drivers.panda.channel import Channel, open_channel
 from srl.drivers.panda.config import COMMANDS, FORCE, STATES, PandaConfig, commands, states
 from srl.drivers.panda.limits import BY_VERSION
@@ -20,7 +21,7 @@ from srl.drivers.panda.packets import RobotMode
 from srl.drivers.panda.protocol import Reply, Status
 from srl.drivers.panda.requests import AutomaticErrorRecovery, Body, StopMove
 from srl.drivers.panda.state import Modes, StateReader
-from srl.runtime.contracts.driver import Driver
+from srl.drivers.timeout import remaining
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Stop
 
@@ -41,7 +42,7 @@ _WORDS: Final = {
 }
 
 
-class Panda(Driver):
+class Panda(Addressed):
     """Panda (FER) or FR3; one of `torque_command` (N m), `velocity_command` (rad/s), `position_command` (rad), (7,).
 
     The robot adds its own gravity compensation to the torques. States (7,): `position`, `velocity`, `effort`
@@ -71,7 +72,6 @@ class Panda(Driver):
         self.ranges["wrench"] = -FORCE, FORCE
         self.commands = commands(config)
         self._command = self.commands[0].name if self.commands else ""
-        self._place = f"{name} ({config.port})"
         self._channel: Channel | None = None
         self._states: Datagrams | None = None
         self._version = 5  # to try first; later the version that the robot spoke
@@ -79,7 +79,7 @@ class Panda(Driver):
         self._motion = Motion(5, config.kind, self._reader)
         self._time = DeviceTime(_TICK)
         self._settings: list[Body] = []  # settings that the robot hasn't accepted yet
-        self._lost = self._moves = 0
+        self._missed = self._moves = 0
         self._gone = False
         self._forget()
 
@@ -132,15 +132,13 @@ class Panda(Driver):
         """Waits for the first state and connects the link to its sender."""
         host = urlsplit(self.config.port[self.config.port.index("tcp://") :]).hostname or ""
         address = socket.gethostbyname(host)
-        deadline = time.monotonic() + FIRST_STATE
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(FIRST_STATE):
             found = [data for data in link.read_wait(left) if len(data) >= self._reader.size]
             if found and link.peer is not None and link.peer[0] == address:
                 link.connect(link.peer)
                 self._take_states(found, time.monotonic_ns())
                 return
-        raise DeviceError(
-            self._place,
+        raise self._error(
             f"the robot accepted the connection, but none of its states arrived within {FIRST_STATE:g} s",
             "Let a firewall on this host pass UDP from the robot",
         )
@@ -156,13 +154,11 @@ class Panda(Driver):
             if channel.idle:
                 break
             if time.monotonic() > deadline:
-                raise DeviceError(
-                    self._place, "the robot doesn't reply to its settings", "Check its state in its web interface"
-                )
+                raise self._error("the robot doesn't reply to its settings", "Check its state in its web interface")
             self._take_states(link.read_wait(0.01), time.monotonic_ns())
             channel.poll(time.monotonic_ns())
         if self._trouble:
-            raise DeviceError(self._place, self._trouble, "Correct the option in the profile")
+            raise self._error(self._trouble, "Correct the option in the profile")
         self._judge()
 
     def _check_masses(self) -> float:
@@ -172,14 +168,12 @@ class Panda(Driver):
         end_effector, load = (float(f"{mass:.4g}") for mass in self._reader.masses(self._newest))
         wanted = self.config.end_effector
         if wanted is not None and not abs(end_effector - wanted) <= MASS:
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"the end effector set in Desk is {end_effector:g} kg, the profile says {wanted:g}",
                 "Set in Desk what is mounted, or correct 'end_effector'",
             )
         if self.config.load is None and self.config.interface != "none" and not abs(load) <= MASS:
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"an earlier program set a load of {load:g} kg, which the robot compensates; the profile names none",
                 "Give 'load' with what the flange carries, `load: {mass: 0}` for nothing",
             )
@@ -283,7 +277,7 @@ class Panda(Driver):
     def metrics(self) -> dict[str, object]:
         """Returns protocol, motions begun, and states that never came (by gaps in the message id)."""
         moves = self._moves + self._motion.started
-        return {"robot": BY_VERSION[self._version].name, "moves": moves, "lost_states": self._lost}
+        return {"robot": BY_VERSION[self._version].name, "moves": moves, "lost_states": self._missed}
 
     # -- parts of a cycle
 
@@ -301,7 +295,7 @@ class Panda(Driver):
                 health.errors += 1  # a newer state overtook it on the network
                 continue
             gap = min(gap, _MOST_LOST)
-            self._lost += gap
+            self._missed += gap
             health.errors += gap
             health.frames += 1
             newest, self._id = data, number
@@ -379,7 +373,7 @@ class Panda(Driver):
 
     def _session(self) -> tuple[Channel, Datagrams]:
         if self._channel is None or self._states is None:
-            raise DeviceLostError(self._place, "the robot isn't open", "Open it first")
+            raise self._not_open()
         return self._channel, self._states
 
     def _lose(self) -> None:

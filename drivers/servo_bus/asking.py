@@ -7,6 +7,7 @@ from typing import Final
 
 from srl.drivers.servo_bus.packets import Status
 from srl.drivers.servo_bus.units import OnLine
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport
 
 TRIES: Final = 5  # a busy host may let three go by
@@ -41,8 +42,7 @@ class Asker:
             self.link.flush_input()
             self.parser.forget()
             self.link.write_all(frame, 1.0)
-            deadline = time.monotonic() + ANSWER + 10 * len(frame) / self.bus.config.baudrate
-            while (left := deadline - time.monotonic()) > 0:
+            for left in remaining(ANSWER + 10 * len(frame) / self.bus.config.baudrate):
                 for status in self.parser.statuses(self.link.read_wait(left)):
                     fits = size is None or len(status.data) == size or (status.error and not status.data)
                     if status.id == id and fits:

@@ -14,23 +14,24 @@ from typing import Any, Final
 
 import numpy as np
 
+from srl.drivers.linked import Linked
 from srl.drivers.servo_bus import declare
+from srl.drivers.servo_bus.asking import Asker
 from srl.drivers.servo_bus.config import ServoBusConfig, bounds
 from srl.drivers.servo_bus.faults import Faults, who_is_silent
 from srl.drivers.servo_bus.goals import Goals
 from srl.drivers.servo_bus.line import Line, Request
 from srl.drivers.servo_bus.plan import Plan
 from srl.drivers.servo_bus.units import Units
-from srl.drivers.transport import Transport
+from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts import servo_record
-from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Command, Kind
 
 LOST: Final = 1_000_000_000  # ns without any answer from a servo
 
 
-class ServoBus(Driver):
+class ServoBus(Linked[Transport]):
     """What the drivers of both makers do: reading, writing, closing. A maker's adds what is asked, and what it means.
 
     States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity` (rad/s,
@@ -49,7 +50,7 @@ class ServoBus(Driver):
     def __init__(self, name: str, config: ServoBusConfig, units: Units, faults: Faults, command: Command) -> None:
         """`command`: the one that the bus takes."""
         super().__init__(name, config)
-        self.config = config
+        self.config, self._place = config, name
         self.simulated = servo_record.of_device(config.calibration, name)
         self._units, self._faults = units, faults
         self.states, self.commands = declare.states(config.motors), (command,)
@@ -57,7 +58,6 @@ class ServoBus(Driver):
         if homes and command.kind is not Kind.TORQUE:
             self.home[command.name] = np.array(homes)
         self.limits[command.name] = bounds(config.motors)  # the servos' own are known once they answer
-        self._link: Transport | None = None
         self._line: Line | None = None
         self._bus = None
         self._number = {id: i for i, id in enumerate(config.ids)}
@@ -74,23 +74,37 @@ class ServoBus(Driver):
         self._sampled = False  # since opening
         self._exchanges = self._unanswered = 0
 
-    def read(self, now: int) -> None:
+    def connect(self) -> Transport:
+        return open_transport(self.config.port, place=self.name, baudrate=self.config.baudrate)
+
+    def _set_up(self, link: Transport) -> None:
+        """Blocks about 0.1 s, some seconds if servos are missing.
+
+        Servos without torque stay without. Servos with torque, from an earlier run, continue to hold.
+        """
+        asker = self._asker(link)
+        bus = self._bus = self._identify(asker, scan=not self.health.was_open)
+        self._line = Line(link, self._units)
+        self._forget()
+        self._goals.powered = list(bus.powered)
+        self._faults.clear()
+        self._found(bus)
+        self._name_faults()
+        self.limits = {self.commands[0].name: bus.limits}
+        self._keep(asker.parser.frames, asker.parser.errors, asker.parser.resyncs)
+
+    def _receive(self, link: Transport, now: int) -> None:
         line = self._open_line()
-        try:
-            over = line.poll(now)
-            if over is not None:
-                self._take(over, now)
-            self._count(line)
-            if silent := line.silent(now - LOST) - self._away():
-                remedy = "Check the bus' cables and the servos' power"
-                raise DeviceLostError(self.name, who_is_silent(self.config.motors, silent), remedy)
-            if not self._writing:
-                self._idle()
-                if line.free:
-                    self._ask(line, now, False)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+        over = line.poll(now)
+        if over is not None:
+            self._take(over, now)
+        self._count(line)
+        if silent := line.silent(now - LOST) - self._away():
+            raise self._lost(who_is_silent(self.config.motors, silent), "Check the bus' cables and the servos' power")
+        if not self._writing:
+            self._idle()
+            if line.free:
+                self._ask(line, now, False)
         self._writing = False
         self.health.unsent = line.unsent
 
@@ -108,20 +122,19 @@ class ServoBus(Driver):
 
     def close(self) -> None:
         """Servos with torque hold their last goals, also without a host."""
-        link, line = self._link, self._line
-        self._link = self._line = None
-        if link is None or line is None:
-            return
-        if self.health.connected:
-            with contextlib.suppress(DeviceError):
-                if line.pending is not None or line.in_doubt:
-                    link.read_wait(0.03)  # the servos finish their present answers
-                if last := self._last():
-                    link.write_all(last, 0.2)
-        self.health.connected = False
-        self._stop_packet = b""
-        self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
-        link.close()
+        super().close()
+        line, self._line = self._line, None
+        if line is not None:
+            self._stop_packet = b""
+            self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
+
+    def _end(self, link: Transport) -> None:
+        line = self._line
+        if self.health.connected and line is not None:
+            if line.pending is not None or line.in_doubt:
+                link.read_wait(0.03)  # the servos finish their present answers
+            if last := self._last():
+                link.write_all(last, 0.2)
 
     def fileno(self) -> int | None:
         return self._link.fileno() if self._link is not None else None
@@ -130,6 +143,21 @@ class ServoBus(Driver):
         """Returns firmware versions by motor, exchanges, and requests that weren't answered in full."""
         firmware = dict(zip(self.config.motors, self._bus.firmware, strict=True)) if self._bus else {}
         return {"firmware": firmware, "exchanges": self._exchanges, "unanswered": self._unanswered}
+
+    def _asker(self, link: Transport) -> Any:
+        """The questions that are asked while the bus is opened."""
+        return Asker(link, self._units, self.name)
+
+    @abstractmethod
+    def _identify(self, asker: Any, scan: bool) -> Any:
+        """Identifies, checks and configures all motors; returns what was found.
+
+        `scan`: if no motor answers, look for them at other baud rates. Raises DeviceError.
+        """
+
+    @abstractmethod
+    def _found(self, bus: Any) -> None:
+        """Takes what was found: the servos' errors, and what it says of them."""
 
     @abstractmethod
     def _ask(self, line: Line, now: int, commanding: bool) -> None:
@@ -177,5 +205,5 @@ class ServoBus(Driver):
 
     def _open_line(self) -> Line:
         if self._line is None:
-            raise DeviceLostError(self.name, "the bus isn't open", "Open it first")
+            raise self._not_open()
         return self._line

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from srl.drivers.servo_bus.packets import BROADCAST, Counts, Instruction, Status
+from srl.drivers.servo_bus.packets import BROADCAST, Instruction, PacketParser, Status
 
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 SYNC_WRITE, BULK_READ = 0x83, 0x92
@@ -59,16 +59,10 @@ def status(id: int, error: int = 0, data: bytes = b"") -> bytes:
     return packet(id, error, data)
 
 
-class Parser(Counts):
-    """Finds packets in a stream of bytes, no matter how it is split; the same bytes give the same packets.
+class Parser(PacketParser):
+    """See `PacketParser`. Nothing in a packet shows its direction, so an adapter that echoes bytes can't be used."""
 
-    Nothing in a packet shows its direction. So an adapter that echoes the host's bytes can't be used.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._buffer = bytearray()
-        self._searching = False
+    header = _HEADER
 
     def statuses(self, data: bytes) -> list[Status]:
         """Takes any bytes and returns the statuses they complete, oldest first. Never raises."""
@@ -78,55 +72,15 @@ class Parser(Counts):
         """Takes any bytes and returns the instructions they complete, oldest first. Never raises."""
         return [Instruction(id, body[0], body[1:]) for id, body in self._packets(data)]
 
-    def forget(self) -> None:
-        """Drops an incomplete packet: the rest of it won't come."""
-        if self._buffer:
-            self._buffer.clear()
-            self.errors += 1
-        self._searching = False
+    def _end(self, buffer: bytearray, start: int) -> int | None:
+        if len(buffer) > start + 2 and buffer[start + 2] == 0xFF:  # one extra FF in front
+            return 0
+        if len(buffer) < start + 4:
+            return None
+        length = buffer[start + 3]
+        return start + 4 + length if length >= 2 else 0
 
-    def _packets(self, data: bytes) -> list[tuple[int, bytes]]:
-        buffer = self._buffer
-        buffer += data
-        found: list[tuple[int, bytes]] = []
-        at = 0
-        while True:
-            start = buffer.find(_HEADER, at)
-            if start < 0:
-                start = max(at, len(buffer) - buffer.endswith(b"\xff"))
-                self._skip(start - at)
-                at = start
-                break
-            self._skip(start - at)
-            at = start
-            if len(buffer) > start + 2 and buffer[start + 2] == 0xFF:  # one extra FF in front
-                self._skip(1)
-                at = start + 1
-                continue
-            if len(buffer) < start + 4:
-                break
-            length = buffer[start + 3]
-            if length < 2:
-                self._skip(1)
-                at = start + 1
-                continue
-            end = start + 4 + length
-            if len(buffer) < end:
-                break
-            if sum(memoryview(buffer)[start + 2 : end]) & 0xFF != 0xFF:
-                self.errors += 1
-                self._skip(1)
-                at = start + 1
-                continue
-            found.append((buffer[start + 2], bytes(buffer[start + 4 : end - 1])))
-            self.frames += 1
-            self._searching = False
-            at = end
-        del buffer[:at]
-        return found
-
-    def _skip(self, count: int) -> None:
-        if count:
-            self.skipped += count
-            self.resyncs += not self._searching
-            self._searching = True
+    def _packet(self, buffer: bytearray, start: int, end: int) -> tuple[int, bytes] | None:
+        if sum(memoryview(buffer)[start + 2 : end]) & 0xFF != 0xFF:
+            return None
+        return buffer[start + 2], bytes(buffer[start + 4 : end - 1])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from srl.drivers.servo_bus.models import CENTRE, COUNTS, PER_COUNT
 from srl.drivers.servo_bus.packets import BROADCAST, Status
 from srl.drivers.servo_bus.register import Register
 from srl.runtime.contracts.signals import Array
+
+VOLT: Final = 0.1  # V of one unit of a sample
 
 
 class Parser(Protocol):
@@ -95,6 +97,8 @@ class Units(ABC):
         sample: (address, size) read in every cycle: position, velocity, current or load.
         extra: (address, size) of the same plus voltage and temperature.
         check: (address, size) of torque enable and of the registers that show a fault.
+        velocity_unit, current_unit: rad/s and A of one unit of a sample.
+        per_velocity, current_effort: (n,) rad/s and N m (m/s, N) of an axis for these.
         unit: the command of one unit of the goals' register, (n,), negative for a reversed motor.
         low, high: bounds of the goals, (n,), in register units.
         last: the newest goals, (n,), in register units.
@@ -106,6 +110,10 @@ class Units(ABC):
     tables: list[dict[str, Register]]
     mode: str
     goal_format: ClassVar[str] = "i"  # of the goals' register, for numpy
+    velocity_unit: ClassVar[float]
+    current_unit: ClassVar[float]
+    per_velocity: Array
+    current_effort: Array
     check: tuple[int, int]
     sample: tuple[int, int]
     extra: tuple[int, int]

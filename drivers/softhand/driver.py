@@ -15,13 +15,13 @@ from typing import Final
 
 import numpy as np
 
+from srl.drivers.linked import Linked
 from srl.drivers.softhand import protocol
 from srl.drivers.softhand.config import USUAL, SoftHandConfig
 from srl.drivers.softhand.motor import Motor
 from srl.drivers.softhand.opening import ANSWER, REMEDY, Opening, is_echo
 from srl.drivers.softhand.protocol import Cmd, Frame, Parser
 from srl.drivers.transport import Transport, open_transport
-from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
@@ -39,7 +39,7 @@ _OFF, _TURNING_ON, _ON, _TURNING_OFF = Motor  # looking a member up takes longer
 _GET_BOTH, _GET_ACTIVATE = Cmd.GET_BOTH, Cmd.GET_ACTIVATE
 
 
-class SoftHand(Driver):
+class SoftHand(Linked[Transport]):
     """A SoftHand: command `position_command` (1,), states `position` (1,) and `current` (1,), A.
 
     Command and position are the closure: 0 open, 1 closed. Closure is a share of the hand's own range, so a profile
@@ -78,7 +78,6 @@ class SoftHand(Driver):
         self.limits[COMMAND] = Limits(lower=np.array([0.0]), upper=np.array([1.0]))
         self._place = f"{name} ({config.port}, id {config.id})"
         self._parser = Parser()
-        self._link: Transport | None = None
         self._range = USUAL
         self._range_source = ""  # where the range comes from
         self._serial = ""
@@ -104,45 +103,35 @@ class SoftHand(Driver):
 
     # -- lifecycle
 
-    def open(self) -> None:
+    def connect(self) -> Transport:
+        return open_transport(self.config.port, place=self._place, baudrate=self.config.baudrate)
+
+    def _set_up(self, link: Transport) -> None:
         """Blocks up to 4 s. Doesn't switch the motor on."""
-        self.close()
-        link = open_transport(self.config.port, place=self._place, baudrate=self.config.baudrate)
-        try:
-            opening = Opening(link, self._parser, self.config, self._place)
-            self._serial = opening.identify()
-            self._range, self._range_source = opening.find_range()
-            on, self._armed = opening.arm(self._queries[Cmd.SET_WATCHDOG])
-            self._surely_off = not on
-        except BaseException:
-            link.close()
-            raise
-        self._link = link
+        opening = Opening(link, self._parser, self.config, self._place)
+        self._serial = opening.identify()
+        self._range, self._range_source = opening.find_range()
+        on, self._armed = opening.arm(self._queries[Cmd.SET_WATCHDOG])
+        self._surely_off = not on
         self._forget()
         self._parser.reset()
         self._count()
         self.health.fault = ""
-        self.health.opened()
         self.health.message = self._range_source
 
-    def read(self, now: int) -> None:
+    def _receive(self, link: Transport, now: int) -> None:
         """Also continues switching on or off."""
-        link = self._open_link()
         if self._heard < 0:
             self._heard = now
-        try:
-            data = link.read()
-            if data:
-                for found in self._parser.feed(data):
-                    if found.id == self.config.id:
-                        self._take(found, now)
-                self._count()
-            if now - self._heard > GONE:
-                raise DeviceLostError(self._place, f"no answer for {GONE / 1e9:g} s", REMEDY)
-            self._keep_asking(link, now)
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+        data = link.read()
+        if data:
+            for found in self._parser.feed(data):
+                if found.id == self.config.id:
+                    self._take(found, now)
+            self._count()
+        if now - self._heard > GONE:
+            raise self._lost(f"no answer for {GONE / 1e9:g} s", REMEDY)
+        self._keep_asking(link, now)
 
     def write(self, now: int) -> None:
         """The first call switches the motor on; references follow when the hand confirms this."""
@@ -198,16 +187,10 @@ class SoftHand(Driver):
         self._motor = _OFF
         self._sent = self._hold_frames = None
 
-    def close(self) -> None:
+    def _end(self, link: Transport) -> None:
         """Switches the motor off."""
-        link, self._link = self._link, None
-        connected, self.health.connected = self.health.connected, False
-        if link is None:
-            return
-        if connected:
-            with contextlib.suppress(DeviceError):
-                link.write_all(protocol.FLUSH + self._off, ANSWER)
-        link.close()
+        if self.health.connected:
+            link.write_all(protocol.FLUSH + self._off, ANSWER)
 
     @classmethod
     def who_is_at(cls, port: str) -> str:
@@ -334,8 +317,3 @@ class SoftHand(Driver):
     def _count(self) -> None:
         health, parser = self.health, self._parser
         health.frames, health.errors, health.resyncs = parser.frames, parser.errors, parser.resyncs
-
-    def _open_link(self) -> Transport:
-        if self._link is None:
-            raise DeviceLostError(self._place, "the hand isn't open", "Open it first")
-        return self._link

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from typing import Final
 
 from srl.drivers.softhand import protocol
 from srl.drivers.softhand.config import USUAL, SoftHandConfig
 from srl.drivers.softhand.protocol import Cmd, Frame, Limits, Parser
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport
 from srl.runtime.contracts.errors import DeviceError
 
@@ -120,8 +120,7 @@ class Opening:
         """Returns the answer with at least `least` bytes of data: an adapter's echo of a query has none."""
         for _ in range(TRIES):
             self._link.write_all(request, ANSWER)
-            deadline = time.monotonic() + ANSWER
-            while (left := deadline - time.monotonic()) > 0:
+            for left in remaining(ANSWER):
                 for found in self._parser.feed(self._link.read_wait(left)):
                     mine = found.id == self._config.id and found.command == command
                     if mine and len(found.data) >= least and not is_echo(found, request):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import errno
 import select
 import socket
-import time
 from urllib.parse import urlsplit
 
+from srl.drivers.timeout import remaining
 from srl.runtime.contracts.errors import DeviceError
 
 AWAIT = 10.0  # s that `open` waits for the device; such devices try again every few seconds
@@ -44,8 +44,7 @@ def await_caller(url: str, place: str) -> socket.socket:
             raise DeviceError(
                 place, f"this host can't listen at {host}:{port}: {error.strerror}", "Use 0.0.0.0, or an address it has"
             ) from None
-        deadline = time.monotonic() + AWAIT
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(AWAIT):
             if select.select([listener], [], [], left)[0]:
                 try:
                     caller, _ = listener.accept()

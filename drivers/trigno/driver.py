@@ -9,7 +9,9 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from pydantic import Field, field_validator
 
+from srl.drivers.linked import Addressed
 from srl.drivers.streamtime import Lateness, StreamTime
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.drivers.trigno.envelope import Envelope
 from srl.drivers.trigno.protocol import COMMAND_PORT, EMG_OFFSET, RATE, SLOTS, Answers, Samples, command, refused
@@ -45,7 +47,7 @@ class TrignoConfig(DeviceConfig):
         return channels
 
 
-class Trigno(Sensor):
+class Trigno(Addressed, Sensor):
     """A Trigno base station with up to 16 EMG channels.
 
     States: `emg` (n,) V, the newest sample; `envelope` (n,) V, RMS of the window; `present` (n,), 0 or 1.
@@ -80,7 +82,6 @@ class Trigno(Sensor):
         self._config = config
         self._columns = [slot - 1 for slot in config.channels.values()]
         self._names = np.array(labels)
-        self._place = f"{name} ({config.port})"
         self._control: Transport | None = None
         self._emg: Transport | None = None
         self._answers, self._heard = Answers(), list[str]()
@@ -116,7 +117,7 @@ class Trigno(Sensor):
 
     def read(self, now: int) -> None:
         if self._emg is None or self._control is None:
-            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+            raise self._not_open()
         try:
             data = self._emg.read()
             if self._control.unsent() == 0:
@@ -128,8 +129,7 @@ class Trigno(Sensor):
             self._heard_at = now
         if not data:
             if now - self._heard_at > GONE:
-                self.health.lost(f"no samples for {GONE / 1e9:g} s")
-                raise DeviceLostError(self._place, self.health.message, "It is connected anew, and told to start")
+                raise self._lost(f"no samples for {GONE / 1e9:g} s", "It is connected anew, and told to start")
             return
         errors = self._parser.errors
         samples = self._parser.feed(data)[:, self._columns]
@@ -200,14 +200,14 @@ class Trigno(Sensor):
         except ValueError:
             host = None
         if parts.scheme != "tcp" or not host or parts.path not in ("", "/"):
-            raise DeviceError(self._place, f"'{self._config.port}' isn't tcp://HOST", "E.g. tcp://192.168.1.30")
+            raise self._error(f"'{self._config.port}' isn't tcp://HOST", "E.g. tcp://192.168.1.30")
         return f"tcp://{host}:{port}", f"tcp://{host}:{emg}"
 
     def _greet(self) -> None:
         banner = self._next(ANSWER)
         if "Delsys Trigno" not in banner:
             got = f"'{banner[:40]}'" if banner else "nothing"
-            raise DeviceError(self._place, f"expected a Trigno server's greeting, got {got}", _REMEDY)
+            raise self._error(f"expected a Trigno server's greeting, got {got}", _REMEDY)
 
     def _prepare(self) -> None:
         assert self._control is not None
@@ -225,8 +225,7 @@ class Trigno(Sensor):
         missing = [f"{name} (slot {slot})" for name, slot in self._config.channels.items() if slot not in owner]
         if missing:
             found = ", ".join(str(slot) for slot in sorted(owner)) or "none"
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"no sensor is on for {', '.join(missing)}; slots with one: {found}",
                 "Take the sensors off their charger, pair them, or correct 'channels'",
             )
@@ -237,11 +236,10 @@ class Trigno(Sensor):
 
     def _await_samples(self) -> None:
         assert self._emg is not None
-        deadline = time.monotonic() + FIRST
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(FIRST):
             if len(self._parser.feed(self._emg.read_wait(left))):
                 return
-        raise DeviceError(self._place, f"no samples within {FIRST:g} s after START", _REMEDY)
+        raise self._error(f"no samples within {FIRST:g} s after START", _REMEDY)
 
     def _ask(self, text: str) -> str:
         assert self._control is not None
@@ -249,10 +247,9 @@ class Trigno(Sensor):
         self._control.write_all(command(text), ANSWER)
         answer = self._next(ANSWER)
         if not answer:
-            raise DeviceError(self._place, f"'{text}' wasn't answered", _REMEDY)
+            raise self._error(f"'{text}' wasn't answered", _REMEDY)
         if refused(answer):
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 f"'{text}' was refused: {answer}",
                 "Close other programs that use the base station; stop a measurement that runs in the utility",
             )

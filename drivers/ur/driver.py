@@ -13,6 +13,7 @@ from math import isfinite
 from typing import Final, TypeVar
 
 from srl.drivers.devicetime import DeviceTime
+from srl.drivers.linked import Linked
 from srl.drivers.transport import Transport, open_transport
 from srl.drivers.ur import registers, rtde, sample
 from srl.drivers.ur.bring_up import PROTECTIVE, Controller, Identity, resolve
@@ -27,7 +28,6 @@ from srl.drivers.ur.sample import Sample, Words
 from srl.drivers.ur.script import program
 from srl.drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, safety_words
 from srl.drivers.ur.steps import Steps, pause, until
-from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Stop
 
@@ -40,7 +40,7 @@ OTHER: Final = 2.0  # s for an earlier program of ours to end by itself
 T = TypeVar("T")
 
 
-class Ur(Driver):
+class Ur(Linked[Transport]):
     """A Universal Robots e-Series arm, driven over RTDE.
 
     States at 500 Hz, all of one instant: `position`, `velocity`, `effort` (6,); `wrench` (6,), N and N m, at the tool
@@ -67,10 +67,8 @@ class Ur(Driver):
         self.commands = commands(config)
         self.limits = {c.name: limits(config) for c in self.commands}
         self._command = f"{config.interface}_command"
-        self._place = f"{name} ({config.port})"
         self._cycles = max(1, round(config.timeout / CYCLE))  # for which a command is valid
         self._inputs = tuple(config.buttons.values())
-        self._link: Transport | None = None
         self._parser = Parser(rtde.ANSWERS)
         self._controller: Controller | None = None
         self._identity: Identity | None = None
@@ -92,49 +90,38 @@ class Ur(Driver):
 
     # -- lifecycle
 
-    def open(self) -> None:
-        """Blocks up to about 15 s, and 80 s more with `power_on`. The arm stays still.
-
-        If the arm is in a protective stop, it is opened all the same, with `health.fault` set.
-        """
-        self.close()
+    def connect(self) -> Transport:
         where = address(self.config.port)
         host = resolve(where.host, self._place)
         self._now = time.monotonic_ns()
         self._controller = Controller(self.config, where, host, self._place, self._clock)
         self._identity = self._finish(self._controller.identify())
-        link = open_transport(where.url, place=self.name)
-        try:
-            self._link = link
-            self._join(link)
-        except BaseException:
-            self.close()
-            raise
+        return open_transport(where.url, place=self.name)
+
+    def _set_up(self, link: Transport) -> None:
+        """Blocks up to about 15 s, and 80 s more with `power_on`. The arm stays still.
+
+        If the arm is in a protective stop, it is opened all the same, with `health.fault` set.
+        """
+        self._join(link)
         self._time.restart()
         self._heard = self._sent = -1  # the loop's clock may differ from the clock used in `open`
-        self.health.opened()
 
-    def read(self, now: int) -> None:
-        """Also raises DeviceLostError after 2 s without data."""
-        link = self._open_link()
+    def _receive(self, link: Transport, now: int) -> None:
         self._now = now
         if self._heard < 0:
             self._heard = self._sent = now
-        try:
-            data = link.read()
-            if data and self._take(data):
-                self._heard = now
-                self._fill(now)
-            elif now - self._heard > SILENCE:
-                raise DeviceLostError(self._place, "the controller sends no data any more", "Check the controller")
-            if self._steps is not None:
-                self._recovering()
-            self._tend(link, now)
-            if now - self._sent > self.config.timeout * 1e9:
-                self._publish_rest()
-        except DeviceLostError as error:
-            self.health.lost(error.problem)
-            raise
+        data = link.read()
+        if data and self._take(data):
+            self._heard = now
+            self._fill(now)
+        elif now - self._heard > SILENCE:
+            raise self._lost("the controller sends no data any more", "Check the controller")
+        if self._steps is not None:
+            self._recovering()
+        self._tend(link, now)
+        if now - self._sent > self.config.timeout * 1e9:
+            self._publish_rest()
 
     def write(self, now: int) -> None:
         """Sends nothing while `health.fault` is set."""
@@ -165,18 +152,15 @@ class Ur(Driver):
 
     def close(self) -> None:
         """The program ends; the arm stays switched on and stands still."""
-        link, self._link = self._link, None
         if self._steps is not None:
             self._steps.close()
             self._steps = None
-        if link is None:
-            return
-        with contextlib.suppress(DeviceError):
-            if self.health.connected and self._numbers.nonce:
-                link.write_all(self._numbers.next(Mode.END), 0.2)
-        self.health.connected = False
+        super().close()
         self.health.fault = ""
-        link.close()
+
+    def _end(self, link: Transport) -> None:
+        if self.health.connected and self._numbers.nonce:
+            link.write_all(self._numbers.next(Mode.END), 0.2)
 
     def recover(self, now: int) -> None:
         """Ends a protective stop (no sooner than 5 s after it began), switches the arm on if `power_on` is set, and
@@ -291,7 +275,7 @@ class Ur(Driver):
         self._parser = handshake.parser
         self._sample = Sample()  # what an earlier connection reported about the arm is no longer true
         if not self._sample.take(first.body):
-            raise DeviceError(self._place, "the controller's first sample isn't finite", "Restart the controller")
+            raise self._error("the controller's first sample isn't finite", "Restart the controller")
         self.health.message = handshake.text or str(self._identity)
         self._failed, self._diagnosed, self._stopped_at = "", (), 0
         self._numbers = Numbering(recipe, self._cycles)
@@ -302,8 +286,7 @@ class Ur(Driver):
             return
         self._dismiss(link)
         if not self._finish(until(lambda: not self._program_runs(), self._clock, OTHER)):
-            raise DeviceError(
-                self._place,
+            raise self._error(
                 "another program runs on the controller",
                 "Stop it at the pendant, or end the other client that drives this arm",
             )
@@ -344,10 +327,10 @@ class Ur(Driver):
             yield from controller.unlock()
             yield from until(lambda: not self._sample.words.safety_bits & SafetyBits.PROTECTIVE_STOP, clock, SETTLE)
         if words := safety_words(self._sample.words.safety_bits):
-            raise DeviceError(self._place, words, "Reset again afterwards")
+            raise self._error(words, "Reset again afterwards")
         yield from controller.power()
         if not (yield from until(lambda: self._sample.words.robot_mode == RobotMode.RUNNING, clock, SETTLE)):
-            raise DeviceError(self._place, "the arm doesn't come to run", "See the pendant")
+            raise self._error("the arm doesn't come to run", "See the pendant")
         yield from self._load()
 
     def _recovering(self) -> None:
@@ -387,8 +370,3 @@ class Ur(Driver):
 
     def _clock(self) -> int:
         return self._now
-
-    def _open_link(self) -> Transport:
-        if self._link is None:
-            raise DeviceLostError(self._place, "the arm isn't open", "Open it first")
-        return self._link

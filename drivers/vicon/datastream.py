@@ -12,6 +12,7 @@ from srl.drivers.capture import axes
 from srl.drivers.capture.names import Point, Subject
 from srl.drivers.capture.reach import FARTHEST
 from srl.drivers.capture.selection import Selection, refuse, select
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.drivers.vicon import blocks, geometry, protocol
 from srl.drivers.vicon.blocks import MalformedError
@@ -229,8 +230,7 @@ class DataStream:
     def _greeting(self, link: Transport) -> frozenset[int]:
         """Returns the types of blocks that the server offers."""
         heard, errors = b"", self._parser.errors
-        deadline = time.monotonic() + GREETING
-        while (left := deadline - time.monotonic()) > 0:
+        for left in remaining(GREETING):
             data = link.read_wait(left)
             heard = heard or data[:64]
             self._early += self._parser.feed(data)

@@ -8,6 +8,7 @@ from typing import Final
 
 from srl.drivers.capture.view import GIVES, View, signals
 from srl.drivers.devicetime import DeviceTime
+from srl.drivers.linked import Addressed
 from srl.drivers.pause import Pause
 from srl.drivers.vicon.config import ViconConfig
 from srl.drivers.vicon.datastream import DataStream
@@ -22,7 +23,7 @@ _GAP: Final = 10_000  # frames; after a longer gap the count has begun anew
 _LATE: Final = 2  # frames by which a datagram may be late
 
 
-class Vicon(Sensor):
+class Vicon(Addressed, Sensor):
     """Poses of segments and positions of markers, in the server's origin, z up.
 
     States, those that the profile requests, k rows in the profile's order:
@@ -47,7 +48,6 @@ class Vicon(Sensor):
         super().__init__(name, config)
         self.states = signals(config)
         self._view = View(config)
-        self._place = f"{name} ({config.port})"
         self._source: Source = (
             ObjectStream(config, self._place) if config.objects_only else DataStream(config, self._place)
         )
@@ -75,7 +75,7 @@ class Vicon(Sensor):
 
     def read(self, now: int) -> None:
         if not self._is_open:
-            raise DeviceLostError(self._place, "the server isn't connected", "Open it first")
+            raise self._not_open()
         try:
             frame = self._source.read(now)
         except DeviceLostError as error:

@@ -9,12 +9,11 @@ from srl.drivers.devicetime import DeviceTime
 from srl.drivers.gravity_check import GravityCheck
 from srl.drivers.serial_imu import SerialImu
 from srl.drivers.streamtime import Lateness
-from srl.drivers.transport import open_transport
+from srl.drivers.transport import Transport, open_transport
 from srl.drivers.xsens_mti.config import XsensMtiConfig
 from srl.drivers.xsens_mti.data import CLIPPED, FILTER_VALID, TICK, TICK_BITS, Sample, decode
 from srl.drivers.xsens_mti.opening import Session, begin, identify
 from srl.drivers.xsens_mti.protocol import Id, Message, Parser, encode
-from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.rotation import normalised
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
@@ -66,18 +65,14 @@ class XsensMti(SerialImu[Message]):
 
     # -- lifecycle
 
-    def open(self) -> None:
+    def connect(self) -> Transport:
+        return open_transport(self._config.port, place=self._place, baudrate=self._config.baudrate)
+
+    def _set_up(self, link: Transport) -> None:
         """Blocks up to some seconds."""
-        self.close()
         self._begin()
-        link = self._link = open_transport(self._config.port, place=self._place, baudrate=self._config.baudrate)
-        try:
-            self._id = begin(Session(link, self._place), self._config, self._place)
-        except DeviceError:
-            self.close()
-            raise
+        self._id = begin(Session(link, self._place), self._config, self._place)
         self.health.stamp = -1
-        self.health.opened()
 
     @classmethod
     def who_is_at(cls, port: str) -> str:

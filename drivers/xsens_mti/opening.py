@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport
 from srl.drivers.xsens_mti import data
 from srl.drivers.xsens_mti.config import XsensMtiConfig
@@ -54,8 +55,7 @@ class Session:
 
     def await_orientation(self) -> None:
         """Waits for a message with an orientation, valid or not. Raises DeviceError: none comes."""
-        until = time.monotonic() + FIRST
-        while (left := until - time.monotonic()) > 0:
+        for left in remaining(FIRST):
             for message in self.parser.feed(self._link.read_wait(left)):
                 sample = data.decode(message.data) if message.id == Id.DATA else None
                 if sample is not None and sample.orientation is not None:

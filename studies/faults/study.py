@@ -56,7 +56,7 @@ def run(folder: Path, quick: bool, runner: Runner) -> Result:
         *devices[some:],
         *processes[len(PROCESS) :],
     ]
-    rows = [row for row in runner.rows(tasks, folder) if row.done]
+    rows = runner.done(tasks, folder)
     table = [line for trial in TITLES for line in _table(rows, trial)]
     seeds = sorted({row.task.seed for row in rows})
     return Result(STUDY, True, seeds, claims=_claims(rows), table=table, page=page(rows, len(tasks)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
@@ -12,12 +11,10 @@ import numpy as np
 from srl.runtime.contracts.rotation import Pose, Quaternion, conjugate, product, turned
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.requests import RequestKind
-from srl.runtime.loop.lockstep import Lockstep
-from srl.runtime.profile import profile, wiring
 from srl.sim.parts.body.carrier import CarrierPart
 from srl.sim.parts.hand.human_hand import HumanHandPart
-from srl.sim.world.cell import Cell
 from srl.studies.grasp.closing_person import ClosingPerson
+from srl.studies.simulated import cell, lockstep
 
 ARMS: Final[dict[str, dict[str, Any]]] = {
     "bare": {},
@@ -106,10 +103,8 @@ class Rig:
             **(changes or {}),
             **ARMS[arm],
         }  # fmt: skip
-        words = [f"{key}={json.dumps(value)}" for key, value in given.items()]
-        self.lockstep = Lockstep(wiring.build(*profile.parse("study.yaml", text, words), []))
-        world = self.lockstep.graph.world
-        assert isinstance(world, Cell)
+        self.lockstep = lockstep(text, given)
+        world = cell(self.lockstep)
         self.cell, self.hand, self.watch, self._arm = world, hand, watch, arm
         self._wrist = world.part(CarrierPart, "wrist")
         self.person = ClosingPerson(world.part(HumanHandPart, "hand"), posture, lead)

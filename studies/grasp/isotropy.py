@@ -71,12 +71,10 @@ def trials(
 
 def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
     """Changes fingers, hand and law one at a time; means over all shapes, four sizes, four placements."""
-    asked = [(label, [*trials(*_SWEPT, changes=changed, grasps=["whole"])]) for label, changed in _changes()]
-    rows = runner.rows([task for _, tasks in asked for task in tasks], folder / "sweep")
-    found, at = [], 0
-    for label, tasks in asked:
-        own, at = rows[at : at + len(tasks)], at + len(tasks)
-        kept = records(own)
+    asked = {label: [*trials(*_SWEPT, changes=changed, grasps=["whole"])] for label, changed in _changes()}
+    found = []
+    for label, rows in runner.by_label(asked, folder / "sweep").items():
+        kept = records(rows)
         entry: dict[str, Any] = {"changed": label, "usable": len({(r["shape"], r["size"], r["seed"]) for r in kept})}
         for closing in CLOSINGS:
             chosen = [one for one in kept if one["closing"] == closing]

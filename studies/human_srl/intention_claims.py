@@ -43,8 +43,7 @@ def claims(runner: Runner, folder: Path, quick: bool) -> Part:
 
 def study(runner: Runner, folder: Path, numbers: Sequence[int]) -> Part:
     """Holds out each of these people in turn."""
-    rows = [row for row in runner.rows([task(n, numbers) for n in numbers], folder / "intention") if row.done]
-    part = analysed(rows)
+    part = analysed(runner.done([task(n, numbers) for n in numbers], folder / "intention"))
     lines = list(_recordings(numbers))
     return Part([*part.claims, _real(lines)], [*part.table, *lines], part.files)
 
@@ -190,10 +189,8 @@ def sweep(runner: Runner, folder: Path) -> list[dict[str, Any]]:
         f"made of {k} others": [task(n, [m for m in numbers if m != n][:k]) for n in numbers]
         for k in (3, 5)
     }  # fmt: skip
-    rows = iter(runner.rows([one for tasks in asked.values() for one in tasks], folder / "sweep-intention"))
     found = []
-    for label, tasks in asked.items():
-        own = [row for row in (next(rows) for _ in tasks) if row.done]
+    for label, own in runner.by_label(asked, folder / "sweep-intention").items():
         line: dict[str, Any] = {"claim": "intention-accuracy", "changed": label, "n": len(own)}
         line |= _overall(own, "right", (*ACTIONS, *BACKGROUND)).columns("right_percent")
         line |= _overall(own, "found", ACTIONS).columns("found_percent")

@@ -30,15 +30,10 @@ def claims(runner: Runner, folder: Path, quick: bool) -> Part:
 
 def sweep(runner: Runner, folder: Path) -> list[dict[str, Any]]:
     """What is sent in another way."""
-    asked = [(wire, order) for order in ("YXZ", "ZXY", "XYZ") for wire in ("text", "binary")]
-    rows = runner.rows([task for how in asked for task in tasks(_SWEPT, *how)], folder / "sweep-nodes")
-    return [
-        _line(
-            f"{wire}, {order}",
-            [r for r in rows if (r.task.parameters["wire"], r.task.parameters["order"]) == (wire, order)],
-        )
-        for wire, order in asked
-    ]
+    asked = {
+        f"{wire}, {order}": tasks(_SWEPT, wire, order) for order in ("YXZ", "ZXY", "XYZ") for wire in ("text", "binary")
+    }
+    return [_line(how, rows) for how, rows in runner.by_label(asked, folder / "sweep-nodes").items()]
 
 
 def tasks(count: int, wire: str, order: str) -> list[TrialTask]:

@@ -17,6 +17,7 @@ from srl.drivers.noitom.skeleton import Skeleton as Suit
 from srl.runtime.contracts.rotation import Quaternion, euler_angles, exp, matrices, product
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.models import ArmsModel
+from srl.runtime.testing.bound import bound
 from srl.studies.human_srl import matrices as plain
 from srl.studies.human_srl.reaching import Reaching
 from srl.studies.human_srl.wearers import Wearer
@@ -24,6 +25,7 @@ from srl.studies.tasks.task import Value
 
 _TURN: Final = 0.15  # rad, by which every joint, fingers too, is turned besides, in each frame anew
 _STRETCH: Final = 0.01  # of each bone, in each frame anew: suits do so
+_SLIDING: Final = 4  # which joint
 _ROOM: Final = 2.0  # m, in which the person stands about, turned anyhow
 
 
@@ -44,7 +46,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     rng, who = np.random.default_rng([seed, 3]), Wearer(**parameters["wearer"])
     order, wire = parameters["order"], parameters["wire"]
     arms = ArmsModel.model_validate(YAML(typ="safe", pure=True).load(text)["models"]["srl-arms"])
-    law = _law(arms, who)
+    law = bound(_Law(SkeletonLawConfig(arms=arms, scale=who.scale)))
     config = NoitomConfig.model_validate({"port": "udp://:7012", "order": order})
     suit = Suit("axis-neuron")
     pose, parser = Pose(config, suit), (TextParser if wire == "text" else BinaryParser)(0)
@@ -60,15 +62,8 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
             raise ValueError(f"frame {k} wasn't read")
         pose.fill(frame, states)
         for side in law.arms:
-            law.input[side][:] = rng.uniform(-1.5, 1.5, 7) * [1, 1, 1, 1, 0, 1, 1] + [
-                0,
-                0,
-                0,
-                0,
-                rng.uniform(0, 0.1),
-                0,
-                0,
-            ]
+            law.input[side][:] = rng.uniform(-1.5, 1.5, 7)
+            law.input[side][_SLIDING] = rng.uniform(0, 0.1)
         law.update(0.05)
         worst = np.maximum(worst, _compared(law, suit, _sent(data, wire), numbers, order))
     return {
@@ -98,14 +93,6 @@ class _Law(Skeleton):
         self.parents = {node.name: node.parent for node in tree.nodes}
         sites = (tree.nodes[i] for i in figure.sites)
         self.sites = {node.name: (node.parent, np.array(node.offset)) for node in sites}
-
-
-def _law(arms: ArmsModel, who: Wearer) -> _Law:
-    law = _Law(SkeletonLawConfig(arms=arms, scale=who.scale))
-    inputs = {signal.name: np.zeros(signal.shape) for signal in law.inputs}
-    outputs = {signal.name: np.zeros(signal.shape) for signal in law.outputs}
-    law.bind(inputs, outputs, {}, {}, {})
-    return law
 
 
 def _posed(reaching: Reaching, t: float, order: Any, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -45,7 +45,7 @@ def claims(runner: Runner, folder: Path, quick: bool) -> Part:
 def study(runner: Runner, folder: Path, who: Sequence[Wearer], **changed: Any) -> Part:
     """Runs the trials of these wearers. `changed`: as in `task`."""
     asked = [task(one, name, **changed) for one in who for name in CONDITIONS]
-    return analysed([row for row in runner.rows(asked, folder / "operation") if row.done])
+    return analysed(runner.done(asked, folder / "operation"))
 
 
 def task(one: Wearer, condition: str, **changed: Any) -> TrialTask:
@@ -68,27 +68,20 @@ def line(rows: Sequence[Row]) -> dict[str, Any]:
     """
     found: dict[str, Any] = {"n": len(rows)}
     for name, column in (("mean", "error_mm"), ("p95", "p95_mm")):
-        found |= estimate([number(row, name) for row in rows]).columns(column)
-    found["most_mm"] = max((number(row, "most") for row in rows), default=math.nan)
+        found |= estimate([row.number(name) for row in rows]).columns(column)
+    found["most_mm"] = max((row.number("most") for row in rows), default=math.nan)
     done = [row for row in rows if row.values["done"]]
-    found |= estimate([number(row, "taken") for row in done]).columns("time_s")
+    found |= estimate([row.number("taken") for row in done]).columns("time_s")
     low, high = proportion(len(done), len(rows)) if rows else (math.nan, math.nan)
     found |= {"done": len(done), "done_low": low, "done_high": high}
-    found |= {name: sum(int(number(row, name)) for row in rows) for name in ("contacts", "blamed")}
-    found["fastest_blamed"] = max((number(row, "fastest") for row in rows if row.values["blamed"]), default=math.nan)
+    found |= {name: sum(int(row.number(name)) for row in rows) for name in ("contacts", "blamed")}
+    found["fastest_blamed"] = max((row.number("fastest") for row in rows if row.values["blamed"]), default=math.nan)
     return found
-
-
-def number(row: Row, name: str) -> float:
-    """A column's value."""
-    value = row.values[name]
-    assert isinstance(value, int | float)
-    return float(value)
 
 
 def _error(by: Mapping[str, Sequence[Row]]) -> Claim:
     own = {
-        name: {row.task.seed: number(row, "mean") for row in by[name] if math.isfinite(number(row, "mean"))}
+        name: {row.task.seed: row.number("mean") for row in by[name] if math.isfinite(row.number("mean"))}
         for name in (STILL, MOVING)
     }
     both = sorted(own[STILL].keys() & own[MOVING].keys())
@@ -124,10 +117,10 @@ def _done(rows: Sequence[Row]) -> Claim:
 
 def _blame(by: Mapping[str, Sequence[Row]]) -> Claim:
     guarded = [*by[STILL], *by[MOVING]]
-    blamed = sum(int(number(row, "blamed")) for row in guarded)
-    paths = sum(number(row, "blamed") > 0 for row in guarded)
+    blamed = sum(int(row.number("blamed")) for row in guarded)
+    paths = sum(row.number("blamed") > 0 for row in guarded)
     high = proportion(paths, len(guarded))[1] if guarded else math.nan
-    bare = sum(int(number(row, "blamed")) for name, rows in by.items() if "no stop" in name for row in rows)
+    bare = sum(int(row.number("blamed")) for name, rows in by.items() if "no stop" in name for row in rows)
     return Claim(
         id="independent-no-blame",
         text=f"behind the verified stop no contact began in which the arm closed the gap at over 0.02 m/s, in "
@@ -140,12 +133,10 @@ def sweep(runner: Runner, folder: Path) -> list[dict[str, Any]]:
     """What decides: one thing changed at a time, beside a person who moves, for the first wearers."""
     who = wearers(_SWEPT)
     asked = {label: [task(one, MOVING, **changed) for one in who] for label, changed in _changes()}
-    rows = iter(runner.rows([one for tasks in asked.values() for one in tasks], folder / "sweep-operation"))
-    found = []
-    for label, tasks in asked.items():
-        own = [row for row in (next(rows) for _ in tasks) if row.done]
-        found.append({"claim": "independent-tip-error", "changed": label} | (line(own) if own else {}))
-    return found
+    rows = runner.by_label(asked, folder / "sweep-operation")
+    return [
+        {"claim": "independent-tip-error", "changed": label} | (line(own) if own else {}) for label, own in rows.items()
+    ]
 
 
 def _changes() -> Iterator[tuple[str, dict[str, Any]]]:

@@ -34,14 +34,9 @@ _QUICK: Final = 2  # motions
 
 def claims(runner: Runner, folder: Path, quick: bool) -> Part:
     """Runs the trials; see `part.py`."""
-    asked = [task for arm in ARMS.values() for task in tasks(_QUICK if quick else MOTIONS, arm)]
-    rows = runner.rows(asked, folder / "reach")
-    per = len(asked) // len(ARMS)
-    found = {
-        arm: [plain(row.task, row.values) for row in rows[k * per : (k + 1) * per] if row.done]
-        for k, arm in enumerate(ARMS)
-    }
-    return analysed(found)
+    asked = {arm: tasks(_QUICK if quick else MOTIONS, attack) for arm, attack in ARMS.items()}
+    rows = runner.by_label(asked, folder / "reach")
+    return analysed({arm: [plain(row.task, row.values) for row in own] for arm, own in rows.items()})
 
 
 def tasks(count: int, attack: Mapping[str, Any]) -> list[TrialTask]:

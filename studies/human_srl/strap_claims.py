@@ -45,8 +45,7 @@ def study(
     """Runs the trials of these wearers."""
     asked = [task(n, "rigid", "none", seconds) for n in who]
     asked += [task(n, strap, way, seconds) for n in who for strap in straps for way in ways]
-    rows = [row for row in runner.rows(asked, folder / "strap") if row.done]
-    return analysed(rows)
+    return analysed(runner.done(asked, folder / "strap"))
 
 
 def task(number: int, firmness: str, compensation: str, seconds: float = _SECONDS, **options: Any) -> TrialTask:

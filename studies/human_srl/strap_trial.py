@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import radians
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, cast
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from srl.runtime.contracts.frames import IDENTITY, as_pose
 from srl.runtime.contracts.rotation import Quaternion, composed, conjugate, exp, inverted, product
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake
+from srl.runtime.testing.bound import bound
 from srl.sim.devices.bno085.fake import FakeBno085, FakeBno085Config
 from srl.sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
 from srl.sim.devices.noitom.fake import FakeNoitom, FakeNoitomConfig
@@ -211,8 +212,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     made = Trial(parameters["firmness"], parameters["compensation"], seed=seed, **parameters["options"])
     found = made.run(parameters["seconds"])
     tip = np.round(1e3 * found.tip[::KEPT], 2).tolist()
-    left = found.law["error_left_mm"]
-    assert isinstance(left, float)
+    left = float(cast(float, found.law["error_left_mm"]))
     return {"tip": json.dumps(tip), "shift": found.shift, "tilt": found.tilt, "yaw": found.yaw, "left": left}
 
 
@@ -252,21 +252,16 @@ def _bus() -> DynamixelConfig:
 
 
 def _device(fake: Fake) -> Fake:
-    fake.bind({s.name: np.zeros(s.shape) for s in fake.states}, {c.name: np.zeros(c.shape) for c in fake.commands})
-    fake.open()
+    bound(fake).open()
     return fake
 
 
 def _law(config: StrapBaseConfig, mount: tuple[float, float, float]) -> StrapBase:
     law = StrapBase("strap", config)
-    inputs = {signal.name: np.zeros(signal.shape) for signal in law.inputs}
-    outputs, applied = ({signal.name: np.zeros(signal.shape) for signal in law.outputs} for _ in range(2))
     w, x, y, z = WORN["quaternion"]
     # Both sensors are mounted along the base's axes; a suit's spine has its own.
     body = (0.0, 0.0, 0.0, w, -x, -y, -z) if config.reference == "suit" else IDENTITY
-    mount_pose = np.array([0.0, 0.0, 0.0, *exp(*(-v for v in mount))])
-    law.bind(inputs, outputs, applied, {}, {"mount": mount_pose, "body": np.array(body)})
-    return law
+    return bound(law, {"mount": (0.0, 0.0, 0.0, *exp(*(-v for v in mount))), "body": body})
 
 
 def _rms(rows: Array) -> float:

@@ -21,8 +21,8 @@ from srl.sim.parts.body.carrier import CarrierPart
 from srl.sim.parts.hand.passive_hand import PALM_FACE
 from srl.sim.parts.hand.ycb import Ycb
 from srl.sim.parts.things.table import MARK
-from srl.sim.world.cell import Cell
 from srl.studies.ikns.published import LIMIT
+from srl.studies.simulated import cell
 
 Reason = Literal["", "not lifted", "dropped", "not released", "off the goal", "out of time"]
 
@@ -169,8 +169,7 @@ class _Trial:
         hand: str,
         watch: Callable[[], None],
     ) -> None:
-        world = lockstep.graph.world
-        assert isinstance(world, Cell)
+        world = cell(lockstep)
         self._lockstep, self._grasper, self._task, self._thing = lockstep, grasper, task, thing
         self._world, self._hand, self._watch = world, hand, watch
         self._pose: Array = world.truth_arrays[f"{part}_pose"]
@@ -258,8 +257,7 @@ class Carried:
         part: the carrier's name.
         c: the setpoint's name, CLIENT.NAME; that of its rate is with `_rate`.
         """
-        world = lockstep.graph.world
-        assert isinstance(world, Cell)
+        world = cell(lockstep)
         self._carrier = world.part(CarrierPart, part)
         self._c, self._c_rate = (lockstep.graph.row.views[name] for name in (c, f"{c}_rate"))
         self._dt = lockstep.period * 1e-9

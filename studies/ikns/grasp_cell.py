@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from srl.runtime.loop.lockstep import Lockstep
-from srl.runtime.profile import profile, wiring
 from srl.sim.parts.hand.ycb import YCB
 from srl.studies.ikns.grasp import Carried, Task
+from srl.studies.simulated import lockstep
 
 START: Final = (0.0, -0.15)  # m, as the table's marks
 GOAL: Final = (0.0, 0.15)
@@ -84,6 +84,5 @@ def carried_cell(
         "sim.parts.finger.servo": dict(servo),
         **{f"sim.parts.hand.{key}": value for key, value in (hand or {}).items()},
     }
-    overrides = [f"{key}={value!r}" for key, value in values.items()]
-    lockstep = Lockstep(wiring.build(*profile.parse("finger-grasp.yaml", _PROFILE, overrides), []))
-    return lockstep, Carried(lockstep, "arm", "client.c"), Task(START, GOAL, **task)
+    made = lockstep(_PROFILE, values)
+    return made, Carried(made, "arm", "client.c"), Task(START, GOAL, **task)

@@ -45,7 +45,7 @@ def study(folder: Path, runner: Runner, who: Sequence[Wearer], codes: Sequence[s
     """Runs the trials of these wearers with these objects and judges the claims. Rows: folder/trials/rows.parquet."""
     found = calibrated(who, folder, runner)
     tasks = [task for one in found if one.content for task in trials(one, codes)]
-    rows = [plain(row) for row in runner.rows(tasks, folder / "trials") if row.done]
+    rows = [plain(row) for row in runner.done(tasks, folder / "trials")]
     claims, table, statistics = analysed(rows)
     statistics["refused"] = {one.wearer.name: one.refused for one in found if one.refused}
     statistics["excluded"] = [one.wearer.name for one in found if not one.content]
@@ -92,18 +92,12 @@ def plain(row: Row) -> dict[str, Any]:
 def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
     """Changes one assumption at a time, for the first wearers and all objects, IKNS alone."""
     ready = [one for one in calibrated(wearers(_SWEPT), folder, runner) if one.content]
-    labels, tasks = [], []
-    for label, condition, change in changes():
-        for one in ready:
-            for code in YCB:
-                tasks.append(swept(one, condition, code, change))
-                labels.append(label)
-    rows = runner.rows(tasks, folder / "sweep")
-    found = []
-    for label in dict.fromkeys(labels):
-        chosen = [plain(row) for row, own in zip(rows, labels, strict=True) if own == label and row.done]
-        found.append({"changed": label} | counted(chosen))
-    return found
+    asked = {
+        label: [swept(one, condition, code, change) for one in ready for code in YCB]
+        for label, condition, change in changes()
+    }
+    rows = runner.by_label(asked, folder / "sweep")
+    return [{"changed": label} | counted([plain(row) for row in own]) for label, own in rows.items()]
 
 
 def changes() -> Iterator[tuple[str, str, Mapping[str, Any]]]:

@@ -22,11 +22,11 @@ from srl.sim.parts.body.arm_posture import ArmPosture
 from srl.sim.parts.body.upper_body import UpperBodyPart
 from srl.sim.parts.hand.objects import ObjectPart
 from srl.sim.parts.hand.ycb import YCB
-from srl.sim.world.cell import Cell
 from srl.studies.ikns.grasp import ASIDE, Task, grasp_trial, wrist
 from srl.studies.ikns.grasp_cell import SERVO
 from srl.studies.ikns.grasping_wearer import HAND, KINDS, VALUE, Grasping, heading
 from srl.studies.ikns.rig import FILE, Rig
+from srl.studies.simulated import cell
 from srl.studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"
@@ -96,8 +96,7 @@ class Setting:
         goal = (x, y + GOAL[1] - START[1])
         table = _CHEST[2] - size * BELOW
         self.lockstep = _lockstep(text, parameters, seed, (x, y), goal, table)
-        world = self.lockstep.graph.world
-        assert isinstance(world, Cell)
+        world = cell(self.lockstep)
         part = world.part(UpperBodyPart, "wearer")
         aim = parameters.get("aim", AIM)
         miss = (aim * rng.standard_normal(3)).tolist()

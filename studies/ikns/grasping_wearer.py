@@ -23,8 +23,8 @@ from srl.sim.parts.body import arm_posture
 from srl.sim.parts.body.upper_body import UpperBodyPart
 from srl.sim.parts.body.wearer_config import UpperBodyConfig
 from srl.sim.parts.hand.ycb import Ycb
-from srl.sim.world.cell import Cell
 from srl.studies.ikns.grasp import Task, wrist
+from srl.studies.simulated import cell
 
 VALUE: Final = "intent.c"
 OPENED: Final = 1.0
@@ -51,8 +51,7 @@ class Grasping:
 
     def __init__(self, lockstep: Lockstep, part: UpperBodyPart, chest: Pose) -> None:
         """Args: chest, where the wearer's chest is in the world."""
-        world = lockstep.graph.world
-        assert isinstance(world, Cell)
+        world = cell(lockstep)
         truth = world.truth_arrays
         self._lockstep, self._part, self._chest = lockstep, part, chest
         self._contact: Array = truth["finger_contact"]

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -23,7 +23,7 @@ from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
 from srl.sim.parts.body.upper_body import UpperBodyPart
-from srl.sim.world.cell import Cell
+from srl.studies.simulated import cell
 from srl.studies.toolkit.errors import StudyError
 
 FILE: Final = "ikns-finger.calibration.json"  # as the profile ikns-finger names it
@@ -67,7 +67,7 @@ class Rig:
         """Arguments: as of `worn`."""
         self.lockstep = Lockstep(wiring.build(*worn(text, overrides, seed, calibration), []))
         graph = self.lockstep.graph
-        (part,) = (p for p in cast(Cell, graph.world).parts.values() if isinstance(p, UpperBodyPart))
+        (part,) = (p for p in cell(self.lockstep).parts.values() if isinstance(p, UpperBodyPart))
         self.wearer, self.views, self.rate = part.wearer, graph.row.views, float(graph.profile.rate)
         self.disturb: Callable[[], None] = lambda: None
 

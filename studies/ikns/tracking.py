@@ -65,7 +65,7 @@ def study(
     rows = {}
     for model in models:
         tasks = [task for one in ready for task in trials(one, model, repetitions)]
-        rows[model] = [plain(row) for row in runner.rows(tasks, folder / model) if row.done]
+        rows[model] = [plain(row) for row in runner.done(tasks, folder / model)]
     claims, table, statistics = analysed(rows, simulated=True)
     statistics["refused"] = {one.wearer.name: one.refused for one in found if one.refused}
     statistics["excluded"] = [one.wearer.name for one in found if not one.content]

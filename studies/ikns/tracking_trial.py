@@ -62,8 +62,7 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
     guide = Guide(simulated, Procedure(dofs, thresholds, Plan(**parameters["plan"])), Plain(lambda _: None), over)
     try:
         guide.run()
-        assert isinstance(simulated.channel_map, ChannelMap)
-        result = results.compute(simulated.channel_map, guide.samples, DATE)
+        result = results.compute(cast(ChannelMap, simulated.channel_map), guide.samples, DATE)
         if result.refusals:
             raise result.refusals[0]
         content = result.record().model_dump_json()

@@ -20,6 +20,7 @@ from srl.control.intention.record import Record
 from srl.control.intention.training import Held, Recogniser, Thresholds, train
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.signals import Array
+from srl.runtime.testing.bound import bound
 from srl.sim.parts.body.motion import Script
 from srl.studies.intention.people import DT, TRUNK, Session, onsets, session, unrelated
 
@@ -32,9 +33,7 @@ def law_of(made: tuple[Recogniser, Held], thresholds: Thresholds) -> Intention:
     """The law with a recogniser of simulated people, bound to arrays of its own."""
     record = Record.of(*made, thresholds, person="simulated", date=_DAY, simulated=True, trunk=TRUNK)
     file = KeptFile(Path("simulated.json"), record.model_dump_json().encode())
-    law = Intention("intention", IntentionConfig(recogniser=file))
-    law.bind({s.name: np.zeros(s.shape) for s in law.inputs}, {s.name: np.zeros(s.shape) for s in law.outputs}, {}, {})
-    return law
+    return bound(Intention("intention", IntentionConfig(recogniser=file)))
 
 
 def actions(law: Intention, rotation: Array, translation: Array, dt: float = DT) -> Array:

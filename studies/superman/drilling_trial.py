@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
+from srl.runtime.contracts.rotation import Quaternion, normalised, turned
 from srl.sim.parts.person.plans import Press, drilling
 from srl.studies.simulated import Run, Setup, controllers, simulate, without_hand
 from srl.studies.superman import user_trial
@@ -70,9 +70,7 @@ def setup(text: str, person: Person, condition: str, a: dict[str, Any], holes: i
         "person": person.options(overhead=True) | {"tool": "drill/tip", "plan": plan},
     }  # fmt: skip
     if condition == "HR":
-        # The person turned the drill upright before the trial, by sight: it is off by the person's tilt.
-        upright = normalised(a["flange_quaternion"])
-        tilt = product(product(conjugate(upright), person.tilt), upright)
+        tilt = person.tilt_at(a["flange_quaternion"])
         parts["drill"] |= {"at": {"parent": "arm/flange", "position": a["mount"], "quaternion": list(tilt)}}
         parts["arm"] = {"home": a["arm_home"]}
         mass, centre = _with_drill(a, tilt)

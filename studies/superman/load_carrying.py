@@ -29,8 +29,8 @@ PAPER: Final = {"before": "0 to 35", "lifting": "35 to 38", "carrying": "38 to 8
 
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
     """Runs the study. `quick`: one person, and only the first metre of the path, with the place of delivery beside."""
-    rows = runner.rows(tasks(_QUICK if quick else COUNT, short=quick), folder / "trials")
-    found: list[Row] = [row.values for row in rows if row.done]
+    rows = runner.done(tasks(_QUICK if quick else COUNT, short=quick), folder / "trials")
+    found: list[Row] = [row.values for row in rows]
     a = shortened(assumed(STUDY)) if quick else assumed(STUDY)
     result = Result(STUDY, simulated=True, seeds=[people.assumed()["seed"]], claims=claims(found, a))
     result.table = table(found, a)

@@ -16,7 +16,6 @@ import numpy as np
 
 from srl.control.cobot.guide_buttons import MODES
 from srl.runtime.contracts.gravity import GRAVITY
-from srl.runtime.contracts.rotation import conjugate, normalised, product
 from srl.runtime.contracts.signals import Array
 from srl.studies.simulated import Run, Setup, largest, simulate
 from srl.studies.superman.assumptions import assumed
@@ -68,9 +67,7 @@ def setup(person: Person, a: dict[str, Any]) -> Setup:
     width, depth, height = a["table"]
     (px, py), (gx, gy) = a["pick"], a["place"]
     across = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]  # the bar across the fingers
-    # The person held the hand upright before the trial, by sight: it is off by the person's tilt.
-    upright = normalised(a["flange_quaternion"])
-    tilt = product(product(conjugate(upright), person.tilt), upright)
+    tilt = person.tilt_at(a["flange_quaternion"])
     parts = {
         "arm": {"home": a["arm_home"]},
         "hand": {"at": {"parent": "arm/flange", "quaternion": list(tilt)}},

@@ -99,7 +99,7 @@ def tasks(a: dict[str, Any], quick: bool) -> list[TrialTask]:
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
     """Runs the study; see the module's docstring."""
     a = assumed(STUDY)
-    rows = [row for row in runner.rows(tasks(a, quick), folder) if row.done]
+    rows = runner.done(tasks(a, quick), folder)
     result = Result(STUDY, simulated=True, seeds=[a["seed"]])
     result.table = [line(row, a) for row in rows]
     result.claims = claims(rows, a)
@@ -127,7 +127,7 @@ def line(row: Row, a: dict[str, Any]) -> dict[str, Any]:
         "coasted": ("coasted mm", 1e3), "stopped": ("stopped ms", 1e3), "harsh": ("harsh m/s2", 1),
         "least": ("least J", 1), "damped": ("damped", 1),
     }  # fmt: skip
-    found |= {column: factor * _number(row, name) for name, (column, factor) in columns.items() if name in v}
+    found |= {column: factor * row.number(name) for name, (column, factor) in columns.items() if name in v}
     if "verdict" in v:
         found["verdict"] = v["verdict"]
     return found | {"stop": v["cause"] or "none"}
@@ -151,7 +151,7 @@ def _margins(hold: Sequence[Row], a: dict[str, Any]) -> Iterator[Claim]:
     # Measured with the most relaxed hand: large oscillations run into the guard's limits, which adds delay.
     bare = [row for row in hold if _law(row) == "bare" and row.task.parameters["scene"] == "hold"]
     loops = {
-        row.task.parameters["robot"]: _number(row, "delay") for row in bare
+        row.task.parameters["robot"]: row.number("delay") for row in bare
         if not row.task.parameters["late"] and row.task.parameters["stiffness"] == min(a["stiffness"])
     }  # fmt: skip
     loop = loops.get("kairos")
@@ -180,14 +180,14 @@ def _tank(tank: Sequence[Row], a: dict[str, Any]) -> Iterator[Claim]:
         id="tank-no-growth", paper="", measured=_most(tank, "growth"), unit="last / first third",
         text="with the tank no oscillation grows, whatever the stiffness, and whether it was there or came later, with "
         "the sensor's delay stated",
-        holds=bool(tank) and all(q or _number(row, "growth") < 1.0 for q, row in zip(quiet, tank, strict=True)),
+        holds=bool(tank) and all(q or row.number("growth") < 1.0 for q, row in zip(quiet, tank, strict=True)),
     )  # fmt: skip
     last = _most(tank, "last")
     yield Claim(
         id="tank-dies-out", paper="", measured=None if last is None else 1e3 * last, unit="mm/s",
         text="and each falls to less than half within 3 s", holds=bool(tank) and all(quiet),
     )  # fmt: skip
-    over = [_number(row, "given") - _number(row, "knocked") for row in tank if row.task.parameters["scene"] == "hold"]
+    over = [row.number("given") - row.number("knocked") for row in tank if row.task.parameters["scene"] == "hold"]
     yield Claim(
         id="tank-energy", paper="", measured=max(over, default=None), unit="J",
         text=f"with the tank the hand is given at most {a['stored']:g} J more than the knock put in",
@@ -202,9 +202,7 @@ def _pressed(rows: Sequence[Row], a: dict[str, Any]) -> Iterator[Claim]:
         ("cart-free", cart, f"led back after a cart of {a['cart']:g} kg was pushed away and stopped"),
     ):
         # In free space it would be the push over the damping.
-        away = min(
-            (_number(r, "away") / r.task.parameters["push"] * _GUIDED["damping"][0] for r in chosen), default=None
-        )
+        away = min((r.number("away") / r.task.parameters["push"] * _GUIDED["damping"][0] for r in chosen), default=None)
         yield Claim(
             id=name, paper="", measured=away, unit="of the free speed", holds=away is not None and away >= 0.9,
             text=f"{text}, the robot has 90 % of its free speed after 1 s",
@@ -226,7 +224,7 @@ def _released(rows: Sequence[Row], a: dict[str, Any]) -> Iterator[Claim]:
         holds=far is not None and far <= a["far"],
     )  # fmt: skip
     left = [row for row in _of(rows, "leave") if _law(row) == "tank"]
-    share = max((_number(row, "left") / _number(row, "leaned") for row in left), default=None)
+    share = max((row.number("left") / row.number("leaned") for row in left), default=None)
     yield Claim(
         id="let-go-yields", paper="", measured=share, unit="of the force", holds=share is not None and share < 0.5,
         text="A switched off in a lean on a wall, less than half of the force is left after 1 s",
@@ -270,11 +268,5 @@ def _of(rows: Sequence[Row], scene: str) -> list[Row]:
     return [row for row in rows if row.task.parameters["scene"] == scene]
 
 
-def _number(row: Row, name: str) -> float:
-    value = row.values[name]
-    assert isinstance(value, int | float)
-    return float(value)
-
-
 def _most(rows: Sequence[Row], name: str) -> float | None:
-    return max((_number(row, name) for row in rows), default=None)
+    return max((row.number(name) for row in rows), default=None)

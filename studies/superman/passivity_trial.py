@@ -7,7 +7,7 @@ computed once a cycle. It neither sees nor reacts.
 
 from __future__ import annotations
 
-import io
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, cast
@@ -17,11 +17,8 @@ from ruamel.yaml import YAML
 
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import CYCLE, Cause, State
-from srl.runtime.loop.lockstep import Lockstep
-from srl.runtime.profile import profile, wiring
 from srl.sim.parts.things.ft_sensor import HandlePart
-from srl.sim.world.cell import Cell
-from srl.studies.simulated import merged
+from srl.studies.simulated import cell, lockstep, merged
 from srl.studies.superman.lag import lag
 from srl.studies.tasks.task import Value
 
@@ -152,14 +149,11 @@ class _Handling:
                 },
             },
         }
-        made = io.StringIO()
-        yaml = YAML(typ="safe", pure=True)
-        yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-        yaml.dump(merged(content, changes), made)
-        self.lockstep = Lockstep(wiring.build(*profile.parse("study.yaml", made.getvalue()), []))
+        # JSON is YAML, and keeps the order of a mapping's keys.
+        self.lockstep = lockstep(json.dumps(merged(content, changes)), {})
         graph = self.lockstep.graph
         self._what, self._dt = what, self.lockstep.period * 1e-9
-        self._cell = cast(Cell, graph.world)
+        self._cell = cell(self.lockstep)
         self._grip = cast(HandlePart, self._cell.parts["grip"])
         self._views, self._ints = graph.row.views, graph.row.ints
         self._body = int(self._cell.model.body("grip/grip").id)

@@ -33,7 +33,7 @@ def run(folder: Path, quick: bool, runner: Runner) -> Result:
     """Runs all trials; `quick`: two loads, five seconds of guiding."""
     setup = assumed(STUDY)
     seeds, seconds = _QUICK if quick else (setup["seeds"], setup["seconds"])
-    rows = [row for row in runner.rows(list(tasks(setup, range(1, seeds + 1), seconds)), folder / "trials") if row.done]
+    rows = runner.done(list(tasks(setup, range(1, seeds + 1), seconds)), folder / "trials")
     result = Result(STUDY, simulated=True, seeds=list(range(1, seeds + 1)))
     result.claims, result.table = claims(rows), table(rows)
     return result

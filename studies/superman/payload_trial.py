@@ -19,6 +19,7 @@ from srl.control.cobot.load_watch import Phase
 from srl.control.cobot.payload import Payload, PayloadConfig
 from srl.runtime.contracts.gravity import DOWN
 from srl.runtime.contracts.signals import Array
+from srl.runtime.testing.bound import bound
 from srl.studies.tasks.task import Value
 
 _G: Final = np.array(DOWN)
@@ -51,10 +52,7 @@ class Sensed:
         entries = YAML(typ="safe", pure=True).load(text)["controllers"]
         found = next(entry for entry in entries if entry["use"] == "payload")
         options = {k: v for k, v in found.items() if k not in ("use", "name", "in", "out")}
-        self.law = Payload("payload", PayloadConfig(**options | {"axes": "world"}))
-        arrays = [{g.name: np.zeros(g.shape) for g in group} for group in (self.law.inputs, self.law.outputs)]
-        places = {t.name: np.array([0.0, 0, 0, 1, 0, 0, 0]) for t in self.law.transforms}  # the tool's origin: flange
-        self.law.bind(*arrays, {}, {}, places)
+        self.law = bound(Payload("payload", PayloadConfig(**options | {"axes": "world"})))  # the tool is at the flange
         self.s, self.rng = s, np.random.default_rng(seed)
         self.dt: float = 1.0 / s["rate"]
         self.mass = self.rng.uniform(*s["mass"])

@@ -33,12 +33,8 @@ _FAULT: Final = "device fault"
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
     """Runs every condition with every person; `quick`: two persons, Kairos alone."""
     chosen = [c for c in CONDITIONS.values() if not quick or c.robot == "kairos"]
-    asked = tasks(chosen, _QUICK if quick else COUNT)
-    rows = runner.rows(asked, folder / "trials")
-    found = {
-        c.label: [dict(row.values) for row in rows if row.done and row.task.parameters["condition"] == c.label]
-        for c in chosen
-    }
+    rows = runner.done(tasks(chosen, _QUICK if quick else COUNT), folder / "trials")
+    found = {c.label: [dict(row.values) for row in rows if row.task.parameters["condition"] == c.label] for c in chosen}
     a = assumed(STUDY)
     result = Result(STUDY, simulated=True, seeds=[people.assumed()["seed"]], claims=claims(found, a))
     result.table = [line for c in chosen for line in lines(c, found[c.label], a)]

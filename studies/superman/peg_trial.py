@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
+from srl.runtime.contracts.rotation import Quaternion, turned
 from srl.runtime.contracts.signals import Array
 from srl.sim.parts.person.plans import peg_in_hole
 from srl.studies.simulated import Run, Setup, controllers, largest, simulate, without_hand
@@ -72,9 +72,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
 
 def setup(text: str, person: Person, condition: Condition, a: dict[str, Any]) -> Setup:
     """Returns a run of one condition, with the assumptions `a`."""
-    # The person turned the peg upright before the trial, by sight: it is off by the person's tilt.
-    upright = normalised(a[f"flange_quaternion_{condition.robot}"])
-    tilt = product(product(conjugate(upright), person.tilt), upright)
+    tilt = person.tilt_at(a[f"flange_quaternion_{condition.robot}"])
     mass, at = _with_peg(a, tilt)
     arm: dict[str, Any] = {"load": {"mass": mass, "centre": at}}
     if condition.robot == "kairos":

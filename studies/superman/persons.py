@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from srl.runtime.contracts.rotation import Quaternion, exp
+from srl.runtime.contracts.rotation import Quaternion, conjugate, exp, normalised, product
 from srl.sim.parts.person.practice import practised
 from srl.studies.toolkit import subjects
 
@@ -72,6 +72,11 @@ class Person:
     def tilt(self) -> Quaternion:
         """Rotation in the world from upright to what seems upright."""
         return exp(self.tilt_x, self.tilt_y, 0.0)
+
+    def tilt_at(self, upright: Quaternion) -> Quaternion:
+        """The tilt, in the axes of an upright flange (w x y z), of a tool that the person turned upright by sight."""
+        q = normalised(upright)
+        return product(product(conjugate(q), self.tilt), q)
 
     def options(self, *, overhead: bool = False) -> dict[str, Any]:
         """Returns the options for the cell's part `person`; `overhead` says where the hand works."""

@@ -51,7 +51,7 @@ def tasks(frequencies: Iterable[float]) -> list[TrialTask]:
 
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
     """Runs the study; quick: one frequency."""
-    rows = [row for row in runner.rows(tasks(_QUICK if quick else FREQUENCIES), folder) if row.done]
+    rows = runner.done(tasks(_QUICK if quick else FREQUENCIES), folder)
     draw(rows, folder / _FILE)
     return Result(STUDY, True, [0], claims(rows), [line(row) for row in rows], [_FILE, "rows.parquet"])
 

@@ -16,11 +16,8 @@ import numpy as np
 from srl.runtime.contracts.rotation import Quaternion, error
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import CYCLE, Cause
-from srl.runtime.loop.lockstep import Lockstep
-from srl.runtime.profile import profile, wiring
 from srl.sim.parts.things.ft_sensor import HandlePart
-from srl.sim.world.cell import Cell
-from srl.studies.simulated import parsed
+from srl.studies.simulated import cell, lockstep, parsed
 from srl.studies.superman.as_published import as_published
 from srl.studies.tasks.task import Value
 
@@ -80,9 +77,8 @@ class _Shaken:
         (guide,) = (entry for entry in content["controllers"] if entry["use"] == "admittance")
         guide["dead_band"] = [0.0, 0.0]  # it would take a share of the force that depends on the amplitude
         # JSON is YAML, and keeps the order of a mapping's keys.
-        self._lockstep = Lockstep(wiring.build(*profile.parse("study.yaml", json.dumps(content), []), []))
-        graph = self._lockstep.graph
-        self._cell, self._ints = cast(Cell, graph.world), graph.row.ints
+        self._lockstep = lockstep(json.dumps(content), {})
+        self._cell, self._ints = cell(self._lockstep), self._lockstep.graph.row.ints
         self._grip = cast(HandlePart, self._cell.parts["grip"])
         self._dt = self._lockstep.period * 1e-9
         self.cause = ""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,8 +27,25 @@ from srl.studies.toolkit.errors import StudyError
 _SHOWN: Final = 5  # failed trials that are named at the end
 
 
+class RowSource(ABC):
+    """Gives the rows of tasks."""
+
+    @abstractmethod
+    def rows(self, tasks: Sequence[TrialTask], folder: Path) -> list[Row]:
+        """Returns the tasks' rows, in the tasks' order."""
+
+    def done(self, tasks: Sequence[TrialTask], folder: Path) -> list[Row]:
+        """As `rows`, but only those that have values."""
+        return [row for row in self.rows(tasks, folder) if row.done]
+
+    def by_label(self, asked: Mapping[str, Sequence[TrialTask]], folder: Path) -> dict[str, list[Row]]:
+        """As `done`, for the tasks of each label."""
+        rows = iter(self.rows([task for tasks in asked.values() for task in tasks], folder))
+        return {label: [row for row in islice(rows, len(tasks)) if row.done] for label, tasks in asked.items()}
+
+
 @dataclass
-class Runner:
+class Runner(RowSource):
     """Where and how trials run; `srl study` makes it from its options.
 
     Attributes:

@@ -111,6 +111,11 @@ class Row:
     worker: str
     environment: dict[str, str]
 
+    def number(self, name: str) -> float:
+        """The number in a column of a row that has one; NaN for None."""
+        value = self.values[name]
+        return float("nan") if value is None else float(value)
+
     @property
     def done(self) -> bool:
         """Whether there are values."""

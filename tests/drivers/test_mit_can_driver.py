@@ -141,7 +141,7 @@ def test_a_bus_that_takes_nothing_is_given_up_with_its_remedy(server: Server, mo
 
 def test_a_frame_that_the_bus_refuses_leaves_neither_a_stop_frame_nor_a_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     limb = Limb(world=cell(hanging=False), ramp=0.0).open()
-    where, arm = limb.hold(), limb.fake._driver
+    where, arm = limb.hold(), limb.fake.driver
     link = arm._line.link  # type: ignore[union-attr]
     write, held = link.write, [motor.held for motor in arm._motors]
     heard: list[bytes] = []

@@ -25,6 +25,7 @@ import srl.drivers.cubemars_servo.driver
 import srl.drivers.mit_can.driver
 import srl.drivers.mit_can.opening
 import srl.drivers.odrive.opening
+import srl.drivers.timeout
 from helpers import can_drives, mit_can
 from helpers.bad_link import CanValve
 from helpers.serial_wires import DYNAMIXEL
@@ -44,7 +45,7 @@ JOINTS = ("shoulder", "elbow", "wrist")
 HZ = 100.0
 _CLOCKED = (
     *(srl.drivers.canbus, srl.drivers.can_axes.driver, srl.drivers.mit_can.opening, srl.drivers.odrive.opening),
-    srl.drivers.cubemars_servo.driver,
+    *(srl.drivers.cubemars_servo.driver, srl.drivers.timeout),
 )
 _buses = itertools.count()
 

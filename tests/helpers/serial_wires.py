@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import srl.drivers.dynamixel.driver
-import srl.drivers.feetech.driver
 import srl.drivers.firmata.driver
+import srl.drivers.servo_bus.driver
 import srl.drivers.softhand.driver
 from helpers import dynamixel, feetech
 from helpers.bad_link import Valve
@@ -185,7 +184,7 @@ class DynamixelWire(SerialWire):
             "dynamixel", given, command, guard, np.zeros(2), amplitude, 100.0, rate,
             0.51 * np.abs(np.array(command.resolution)),
         )  # fmt: skip
-        super().__init__(setting, twin, srl.drivers.dynamixel.driver, patch, to)
+        super().__init__(setting, twin, srl.drivers.servo_bus.driver, patch, to)
         for joint, servo in enumerate(twin.servos):
             self._listen(joint, servo, family)
 
@@ -227,7 +226,7 @@ class FeetechWire(SerialWire):
             "feetech", given, command, guard, np.zeros(2), amplitude, 100.0, rate,
             0.51 * np.abs(np.array(command.resolution)),
         )  # fmt: skip
-        super().__init__(setting, twin, srl.drivers.feetech.driver, patch, to)
+        super().__init__(setting, twin, srl.drivers.servo_bus.driver, patch, to)
         for joint, servo in enumerate(twin.servos):
             self._listen(joint, servo, driver)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from srl.studies.tasks.runner import RowSource
 from srl.studies.tasks.task import DONE, Function, Row, TrialTask, flat
 
 
@@ -16,7 +17,7 @@ def row(task: TrialTask, values: Mapping[str, Any]) -> Row:
 
 
 @dataclass
-class Here:
+class Here(RowSource):
     """A runner that runs each trial in this process. `trials`: the functions by the registered names."""
 
     trials: Mapping[str, Function]

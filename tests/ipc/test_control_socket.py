@@ -5,11 +5,19 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from helpers.bus import layout
 
 from srl.runtime.ipc.control_socket import send_request
+from srl.runtime.ipc.header import CYCLE, Latch, Origin, State
+from srl.runtime.ipc.layout import Layout
+from srl.runtime.ipc.requests import Answer, RequestKind
+from srl.runtime.ipc.ring import RingWriter
+from srl.runtime.ipc.row import Row
 from srl.runtime.ipc.run_folder import RunFolder
 
 
@@ -61,3 +69,47 @@ def test_nobody_but_the_loop_can_say_that_the_limb_has_stopped(loop: tuple[RunFo
 
 def test_no_loop_is_no_answer(tmp_path: Path) -> None:
     assert send_request(RunFolder(tmp_path), "stop", timeout=0.1) is None
+
+
+def row(graph: Layout, kind: RequestKind, result: Answer, origin: Origin, at: int) -> np.ndarray:
+    words = Row(graph)
+    words.ints[CYCLE.request_kind], words.ints[CYCLE.request_result] = kind, result
+    words.ints[CYCLE.request_origin], words.ints[CYCLE.write] = origin, at
+    words.ints[CYCLE.state], words.ints[CYCLE.cause], words.ints[CYCLE.latches] = State.STOPPED, 1, Latch.PERSON
+    return words.words
+
+
+def test_an_answer_that_cannot_arrive_is_found_in_the_rows(loop: tuple[RunFolder, socket.socket]) -> None:
+    """The loop that answers here can't reach the sender: it is as if of another network namespace."""
+    run_folder, end = loop
+    graph = layout("left", 100)
+    graph.save(run_folder.layout)
+    ring = RingWriter.create(run_folder.rows, graph.width, 64)
+
+    def take(*results: tuple[RequestKind, Answer, Origin]) -> None:
+        end.recv(512)
+        for kind, result, origin in results:
+            ring.append(row(graph, kind, result, origin, time.monotonic_ns()))
+
+    stop, granted, local = RequestKind.STOP, Answer.DONE, Origin.LOCAL
+    ring.append(row(graph, stop, granted, local, time.monotonic_ns()))  # before it was sent
+    for results, answer in (
+        ([(stop, granted, local)], True),
+        ([(stop, granted, Origin.BUS)], None),
+        ([(RequestKind.RESET, granted, local)], None),
+        ([(stop, Answer.REFUSED_STATE, local)], False),
+        ([(stop, granted, local), (stop, Answer.REFUSED_STATE, local)], True),
+    ):
+        thread = threading.Thread(target=take, args=results)
+        thread.start()
+        found = send_request(run_folder, "stop", timeout=0.5)
+        thread.join()
+        assert (None if found is None else found["ok"]) is answer
+        if found is not None:
+            assert (found["state"], found["latches"]) == ("stopped", ["person"])
+            assert found.get("error") == (None if answer else "not possible in this state")
+
+
+def test_who_doesnt_wait_doesnt_look(loop: tuple[RunFolder, socket.socket], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("srl.runtime.ipc.answers.in_rows", lambda *_: pytest.fail("the supervisor has no time for it"))
+    assert send_request(loop[0], "stop", timeout=0.0) is None

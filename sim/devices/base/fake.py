@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.base import BaseConfig, MobileBase, protocol
 from srl.drivers.base.config import TOP_SPEED, TOP_TURN
@@ -14,7 +14,7 @@ from srl.drivers.base.driver import COMMAND, FARTHEST, PRESSED
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
-from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.devices.shared.windows import Windows, inside
 from srl.sim.parts.robots.summit_xl import SummitXlPart
 
 WATCHDOG: Final = 500_000_000  # ns without a command after which the robot stops (protocol sheet, section 1)
@@ -28,7 +28,7 @@ class FakeBaseOptions(SensorOptions):
     noise: float = Field(default=0.002, ge=0, description="m/s, standard deviation of the twist's vx and vy")
     delay: float = Field(default=0.01, ge=0, le=0.5, description="s, from measuring to arrival")
     clock: float = Field(default=0.0, ge=-1e6, le=1e6, description="s, the robot's clock is ahead of this host's")
-    pressed: Annotated[Windows, AfterValidator(rising)] = Field(
+    pressed: Windows = Field(
         default=(), description="s, [from, to] pairs in world time during which the robot's e-stop is pressed"
     )
 

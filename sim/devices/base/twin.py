@@ -11,7 +11,8 @@ from srl.drivers.base import protocol
 from srl.runtime.messages import attachment, cdr
 from srl.sim.devices.base.fake import FakeBase
 from srl.sim.devices.shared.sockets import SocketTwin
-from srl.sim.devices.zenoh.twin import Arrival, ZenohDoor
+from srl.sim.devices.shared.stream_twin import Due
+from srl.sim.devices.zenoh.twin import CATCH_UP, Arrival, ZenohDoor
 
 LATE: Final = 500_000_000  # ns; a command whose stamp is older, or that far in the future, is refused
 EMERGENCY_PERIOD: Final = 100_000_000  # ns between reports of the emergency stop
@@ -47,7 +48,7 @@ class BaseTwin(SocketTwin):
         self.commands = 0
         self._ahead = round(fake.clock * 1e9)
         self._wall = 0
-        self._last = -1
+        self._due = Due(fake, CATCH_UP)
         self._reported = -EMERGENCY_PERIOD
         self._count = 0
         self._sender = os.urandom(16)
@@ -57,7 +58,7 @@ class BaseTwin(SocketTwin):
 
     def opened(self) -> None:
         self._wall = time.time_ns() - time.monotonic_ns() + self._ahead
-        self._last = self._fake.newest()
+        self._due.begin()
 
     def service(self, now: int) -> None:
         """The base's own time-out also works without its network."""
@@ -67,18 +68,13 @@ class BaseTwin(SocketTwin):
     def work(self, now: int) -> None:
         for arrival in self.door.read():
             self._obey(arrival, now)
-        newest = self._fake.newest()
-        for number in range(max(self._last + 1, newest - 10), newest + 1):
-            values = self._fake.sample(number) if self._fake.samples.keeps(number) else None
-            if values is None:
-                continue
+        for number, values in self._due.take():
             stamp = now - (self._fake.world.time - self._fake.taken_at(number)) + self._wall
             x, y, yaw, vx, vy, wz = values.tolist()
             message = protocol.Odometry(
                 stamp, "robot_odom", self.child_frame, (x, y, math.remainder(yaw, math.tau)), (vx, vy, wz)
             )
             self._send(self._odometry, protocol.odometry(message), stamp)
-        self._last = newest
         if self._emergency is not None and now - self._reported >= EMERGENCY_PERIOD:
             self._reported = now
             self._send(self._emergency, cdr.encode(protocol.BOOL, {"data": self._fake.pressed()}), now + self._wall)

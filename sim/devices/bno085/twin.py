@@ -7,6 +7,7 @@ from typing import Final
 from srl.drivers.bno085.protocol import encode
 from srl.sim.devices.bno085.fake import FakeBno085, record
 from srl.sim.devices.shared.serial import SerialTwin
+from srl.sim.devices.shared.stream_twin import Due
 
 BANNER: Final = b"%Hillcrest Labs 10003608\n\r%SW Ver 3.2.7\n\r%(c) 2017 Hillcrest Laboratories, Inc.\n\r"
 _CATCH_UP: Final = 20  # most frames sent at once; older ones were never taken in time
@@ -21,13 +22,13 @@ class Bno085Twin(SerialTwin):
     def __init__(self, fake: FakeBno085) -> None:
         super().__init__(fake)
         self.imu = fake
-        self._sent = -1  # number of the newest sample
+        self._due = Due(fake, _CATCH_UP)
         self._first = 0  # number of the sample with index 0
         self._starting = False
 
     def open(self) -> None:
         super().open()
-        self._sent = self.imu.newest()
+        self._due.begin()
 
     def restart(self) -> None:
         """The sensor is switched off and on."""
@@ -38,12 +39,7 @@ class Bno085Twin(SerialTwin):
         return b""
 
     def work(self, now: int) -> bytes:
-        newest = self.imu.newest()
         frames = [BANNER] if self._starting else []
         self._starting = False
-        for number in range(max(self._sent + 1, newest - _CATCH_UP + 1), newest + 1):
-            values = self.imu.sample(number)
-            if values is not None:
-                frames.append(encode(record(values, number - self._first)))
-        self._sent = newest
+        frames += [encode(record(values, number - self._first)) for number, values in self._due.take()]
         return b"".join(frames)

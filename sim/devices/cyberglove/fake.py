@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.cyberglove import CyberGlove, calibration
 from srl.drivers.cyberglove.calibration import Calibration
@@ -18,7 +18,7 @@ from srl.runtime.contracts.errors import DeviceLostError, ProfileError, nearest
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.noise import SampleNoise
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell
 from srl.sim.parts.hand.human_hand import HumanHandPart
 from srl.sim.wearer.joints import GLOVE_OF_HAND
 
@@ -38,12 +38,8 @@ class FakeCyberGloveConfig(FakeConfig):
         default={}, description="how sensors of the glove truly bend, by name; others: as its calibration says"
     )
     dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a sample is lost on its way")
-    loss: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in world time during which the glove is gone"
-    )
-    switch: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs during which the wrist switch is on"
-    )
+    loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the glove is gone")
+    switch: Windows = Field(default=(), description="s, [from, to] pairs during which the wrist switch is on")
 
 
 class FakeCyberGlove(Sensor, Fake):

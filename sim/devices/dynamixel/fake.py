@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from srl.drivers.dynamixel import Dynamixel
 from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import Family, Family2, family
 from srl.drivers.dynamixel.faults import DynamixelFaults
 from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
-from srl.drivers.servo_bus.faults import BEYOND, FAR
-from srl.runtime.contracts.signals import Array, Kind, Stop
+from srl.runtime.contracts.signals import Kind, Stop
 from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.servo_fake import FakeServos, FakeServosConfig
-from srl.sim.devices.shared.windows import refuse_while_gone
 from srl.sim.parts.dynamixel.chain import DynamixelChain
 from srl.sim.parts.servo_bus.motors import Motors
 
@@ -33,21 +29,20 @@ class FakeDynamixel(FakeServos):
     Options = FakeDynamixelConfig
     real = Dynamixel
     config: DynamixelConfig
+    units: Family
+    _faults: DynamixelFaults
 
     def __init__(self, name: str, config: DynamixelConfig, world: World, options: FakeDynamixelConfig) -> None:
         super().__init__(name, config, world, options, DynamixelChain)
-        self._kind = self.commands[0].kind
-        self.family: Family = family(config)
+        self.units, self._faults = family(config), DynamixelFaults(tuple(config.motors))
+        self._kind = self._command.kind
         self._fresh = [self._memory(i) for i in range(len(config.motors))]
-        self._faults = DynamixelFaults(tuple(config.motors))
         self._wrote = False
         self._back_at: dict[int, int] = {}  # world time, ns, at which each rebooting motor is back
 
     # -- life cycle
 
-    def open(self) -> None:
-        self.close()
-        refuse_while_gone(self.name, self._options.loss, self.world.time)
+    def _prepare(self) -> None:
         motors, mode = self.motors, _MODES[self._config.mode]
         for i in self.numbers:
             if motors.mode[i] != mode:
@@ -56,15 +51,10 @@ class FakeDynamixel(FakeServos):
                 motors.fold(i)
             motors.stopped[i] = motors.profile_velocity[i] = 0.0
             motors.goal_velocity[i] = motors.goal_current[i] = 0.0
-        if self.family.seen is not None:
+        if self.units.seen is not None:
             for k, i in enumerate(self.numbers):
-                self.family.take_up_turns(k, int(motors.counts[i]))
-        self.limits = {self._config.command: self.family.set_limits(self._fresh)}
-        self._sample, self._sampled = None, False
-        self._faults.clear()
-        self.health.opened()
-        self.health.message = "simulated servos"
-        self._find_faults()
+                self.units.take_up_turns(k, int(motors.counts[i]))
+        self.limits = {self._config.command: self.units.set_limits(self._fresh)}
 
     def read(self, now: int) -> None:
         self._check()
@@ -77,28 +67,8 @@ class FakeDynamixel(FakeServos):
         self._talk()
 
     def write(self, now: int) -> None:
-        self._check()
         self._wrote = True
-        motors, faults = self.motors, self._faults
-        if faults.tripped or not self._sampled:
-            return
-        command = self.command_arrays[self._config.command]
-        self.family.encode(command)
-        where = self.state_arrays["position"]
-        bounded = self.family.bounded(command)
-        near = np.abs(bounded - where) <= self._tolerance
-        for k, i in enumerate(self.numbers):
-            if not motors.torque[i]:
-                if faults.concerns(k) or k in self._back_at:
-                    continue
-                if self._kind is Kind.POSITION and not near[k]:
-                    faults.far[k] = BEYOND if abs(command[k] - where[k]) <= self._tolerance[k] else FAR
-                    continue
-                motors.switch(i, True)
-            self._give(motors, i, int(self.family.last[k]))
-            if np.isfinite(command[k]):
-                self.sent_arrays[self._config.command][k] = bounded[k]
-        self._find_faults()
+        super().write(now)
 
     def stop(self, category: Stop) -> None:
         """LIMP switches the torque off; velocity and effort goals become 0."""
@@ -117,7 +87,7 @@ class FakeDynamixel(FakeServos):
                 self.chain.motors.watchdog[i] = 0.0
             if self._kind is not Kind.POSITION:
                 self._zero()
-        self.health.connected = False
+        super().close()
 
     def recover(self, now: int) -> None:
         """Reboots servos with hardware errors and clears tripped watchdogs."""
@@ -134,13 +104,12 @@ class FakeDynamixel(FakeServos):
     # -- an exchange
 
     def _give(self, motors: Motors, i: int, goal: int) -> None:
-        """Sets a goal, given in the register's units."""
         if self._kind is Kind.POSITION:
             motors.goal_position[i] = goal
         elif self._kind is Kind.VELOCITY:
-            motors.goal_velocity[i] = goal * self.family.velocity_unit
+            motors.goal_velocity[i] = goal * self.units.velocity_unit
         else:
-            motors.goal_current[i] = goal * self.family.current_unit
+            motors.goal_current[i] = goal * self.units.current_unit
 
     def _zero(self) -> None:
         """Sets velocity and effort goals to 0."""
@@ -152,25 +121,14 @@ class FakeDynamixel(FakeServos):
     def _talk(self) -> None:
         """Requests the next sample, which also resets the watchdogs (protocol 2)."""
         motors = self.motors
-        if isinstance(self.family, Family2):
+        if isinstance(self.units, Family2):
             for i in self.numbers:
                 motors.watchdog[i] = self._config.watchdog
         if not self._back_at:
             self._request()
 
-    def _deliver(self, found: Array, taken: int) -> None:
-        counts, velocity, current, temperature, voltage = found
-        f, out = self.family, self.state_arrays
-        speed, amps, volts = velocity / f.velocity_unit, current / f.current_unit, voltage / 0.1
-        if self._options.quantise:
-            speed, amps, volts, temperature = (np.rint(x) for x in (speed, amps, volts, temperature))
-        f.seen = counts.astype(np.int32)
-        np.multiply(counts, f.per_count, out=out["position"])
-        out["position"] += f.offset
-        np.multiply(speed, f.per_velocity, out=out["velocity"])
-        np.multiply(amps, f.current_effort, out=out["effort"])
-        out["temperature"][:] = temperature
-        np.multiply(volts, 0.1, out=out["voltage"])
+    def _is_away(self, k: int) -> bool:
+        return k in self._back_at
 
     def _find_faults(self) -> None:
         motors = self.chain.motors
@@ -179,7 +137,7 @@ class FakeDynamixel(FakeServos):
             if motors.stopped[i] and motors.torque[i]:
                 self._faults.tripped.add(k)
             if bits and k not in self._faults.errors:
-                self._faults.hardware(k, bits, self.family.protocol)
+                self._faults.hardware(k, bits, self.units.protocol)
         self.health.fault = self._faults.text()
 
     def _come_back(self) -> None:
@@ -188,7 +146,7 @@ class FakeDynamixel(FakeServos):
                 i, motors = self.numbers[k], self.motors
                 motors.power_up(i)
                 motors.mode[i] = _MODES[self._config.mode]
-                self.family.take_up_turns(k, int(motors.counts[i]))
+                self.units.take_up_turns(k, int(motors.counts[i]))
                 del self._back_at[k]
                 self._faults.errors.pop(k, None)
 

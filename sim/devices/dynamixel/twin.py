@@ -31,7 +31,6 @@ class DynamixelTwin(ServoLine):
 
     def __init__(self, fake: FakeDynamixel) -> None:
         super().__init__(fake)
-        self.bus = fake
         config = fake.config
         self.protocol: int = config.protocol
         code = baud_code(config.baudrate, config.protocol)
@@ -57,9 +56,7 @@ class DynamixelTwin(ServoLine):
     # -- instructions
 
     def _obey(self, instruction: Instruction) -> None:
-        names = _NAMES1 if self.protocol == 1 else _NAMES2
-        name = names.get(instruction.code, f"{instruction.code:#04x}")
-        self.seen[name] = self.seen.get(name, 0) + 1
+        name = self._named(instruction, _NAMES1 if self.protocol == 1 else _NAMES2)
         groups: dict[str, Callable[[bytes], None]] = {
             "sync_read": self._sync_read,
             "fast_sync_read": self._fast_sync_read,
@@ -77,9 +74,6 @@ class DynamixelTwin(ServoLine):
                 self._single(servo, name, instruction.data, everyone)
             elif self.protocol == 2 and servo.get("secondary_id") == instruction.id != 255 and name == "write":
                 servo.write(int.from_bytes(instruction.data[:2], "little"), instruction.data[2:], volatile_only=True)
-
-    def _measure(self) -> None:
-        self.bus.chain.measure()
 
     def _rate_of(self, servo: Registers) -> int:
         return baudrate(servo.get("baud_rate"), self.protocol)
@@ -200,21 +194,6 @@ class DynamixelTwin(ServoLine):
             packet = protocol2.status(servo_id, error | alert, data)
         delay = round(servo.get("return_delay_time") * RETURN_DELAY * 1e9)
         self._send(self._in_transit(servo_id, packet), delay)
-
-    def metrics(self) -> dict[str, object]:
-        """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque.
-
-        Lost packets are those damaged, collided or sent at a wrong baud rate. The torque is given for each motor.
-        """
-        motors = self.bus.chain.motors
-        return super().metrics() | {
-            "instructions": dict(self.seen),
-            "damaged": self._parser.errors,
-            "collisions": self.collisions,
-            "wrong_rate": self.wrong_rate,
-            "refused": {f"{s.get('id')}.{what}": n for s in self.servos for what, n in s.refused.items()},
-            "torque": [bool(motors.torque[i]) for i in self.bus.numbers],
-        }
 
 
 _NAMES2: Final = {

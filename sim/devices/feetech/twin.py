@@ -33,7 +33,6 @@ class FeetechTwin(ServoLine):
 
     def __init__(self, fake: FakeFeetech) -> None:
         super().__init__(fake)
-        self.bus = fake
         config = fake.config
         motors = fake.chain.motors
         fake.chain.measure()
@@ -55,16 +54,12 @@ class FeetechTwin(ServoLine):
         self._deaf_until[k], self._restarting[k] = self._now + POWER_UP, True
         servo.motors.switch(servo.i, False)
 
-    def _measure(self) -> None:
-        self.bus.chain.measure()
-
     def _rate_of(self, servo: Any) -> int:
         code = servo.get("baud_rate")
         return BAUDS[code] if code < len(BAUDS) else 1
 
     def _obey(self, instruction: Instruction) -> None:
-        name = _NAMES.get(instruction.code, f"{instruction.code:#04x}")
-        self.seen[name] = self.seen.get(name, 0) + 1
+        name = self._named(instruction, _NAMES)
         data, everyone = instruction.data, instruction.id == protocol.BROADCAST
         if name in ("sync_read", "sync_write"):
             if everyone and len(data) > 2:
@@ -116,15 +111,3 @@ class FeetechTwin(ServoLine):
         servo_id = servo.get("id")
         packet = protocol.status(servo_id, servo.error_bits, data)
         self._send(self._in_transit(servo_id, packet), round(servo.get("return_delay_time") * RETURN_DELAY * 1e9))
-
-    def metrics(self) -> dict[str, object]:
-        """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque."""
-        motors = self.bus.chain.motors
-        return super().metrics() | {
-            "instructions": dict(self.seen),
-            "damaged": self._parser.errors,
-            "collisions": self.collisions,
-            "wrong_rate": self.wrong_rate,
-            "refused": {f"{s.get('id')}.{what}": n for s in self.servos for what, n in s.refused.items()},
-            "torque": [bool(motors.torque[i]) for i in self.bus.numbers],
-        }

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import Annotated, Final, Protocol, cast
+from typing import Final, Protocol, cast
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from srl.drivers.firmata import Firmata
 from srl.drivers.firmata.config import Calibration, FirmataConfig
@@ -17,7 +17,7 @@ from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell
 from srl.sim.parts.hand.servos import Servos
 
 _NEUTRAL: Final = 1500  # us, pulse width of an attached servo before its first command
@@ -46,13 +46,11 @@ class FakeFirmataConfig(FakeConfig):
     frame_rate: float = Field(
         default=50.0, gt=0, le=1000, description="Hz of servo pulses: a new width waits for the next"
     )
-    presses: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
+    presses: dict[str, Windows] = Field(
         default={}, description="s, by button: [from, to] pairs in world time during which it is pressed"
     )
     person: str | None = Field(default=None, description="the cell's part that presses the buttons, besides `presses`")
-    loss: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in world time during which the board is gone"
-    )
+    loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the board is gone")
 
 
 class Presser(Protocol):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import Field, field_validator
 
 from srl.drivers.gamepad import Gamepad, GamepadConfig
 from srl.drivers.gamepad.driver import AXES, BUTTONS
@@ -13,7 +13,7 @@ from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone
 
 Points = tuple[tuple[float, float], ...]
 
@@ -25,13 +25,11 @@ class FakeGamepadConfig(FakeConfig):
         default_factory=dict, description="by name, [s, value] points of world time; straight lines between them"
     )
     dpad: dict[str, Points] = Field(default_factory=dict, description="x and y, as axes, rounded to -1, 0, 1")
-    buttons: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
+    buttons: dict[str, Windows] = Field(
         default_factory=dict, description="by name, [from, to] pairs, s of world time, during which it is down"
     )
     noise: float = Field(default=0.0, ge=0, description="1, how far a stick at rest may be off its centre, at random")
-    loss: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in world time during which the pad is unplugged"
-    )
+    loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the pad is unplugged")
 
     @field_validator("axes", "dpad", "buttons")
     @classmethod

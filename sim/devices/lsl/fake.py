@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.lsl import Lsl, LslConfig
 from srl.drivers.lsl.match import Picked
@@ -18,7 +18,7 @@ from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import AnyWorldFake, SensorOptions
 from srl.sim.devices.shared.surface_emg import SurfaceEmg, muscles
-from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.devices.shared.windows import Windows, inside
 
 _AT_ONCE: Final = 32  # samples of EMG that are made together
 
@@ -37,9 +37,7 @@ class FakeLslOptions(SensorOptions):
     floor: float = Field(default=2e-6, ge=0, description="V, RMS of the electronics")
     amplitude: float = Field(default=0.1, ge=0, description="of the sines, in the signal's unit")
     period: float = Field(default=4.0, gt=0, description="s, of the sines")
-    nan: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in which the stream's first channel here is NaN"
-    )
+    nan: Windows = Field(default=(), description="s, [from, to] pairs in which the stream's first channel here is NaN")
 
 
 class FakeLsl(Sensor, AnyWorldFake):

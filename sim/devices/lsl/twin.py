@@ -7,7 +7,6 @@ machine could reach it, and a process has one discovery port.
 from __future__ import annotations
 
 import importlib.util
-import socket
 from functools import cache
 from typing import Any, Final
 
@@ -18,6 +17,7 @@ from srl.runtime.contracts.exposure import refuse_strangers
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Twin
 from srl.sim.devices.lsl.fake import FakeLsl
+from srl.sim.devices.shared.sockets import free_port
 from srl.sim.devices.shared.windows import Plug
 
 _CONFINE: Final = "Run it in a network namespace: unshare -rn sh -c 'ip link set lo up; srl twin ...'"
@@ -148,6 +148,4 @@ def _library() -> tuple[Any, int]:
 
 def _free() -> int:
     """A discovery port that nobody has, with room for the streams' after it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return min(int(probe.getsockname()[1]), 64000)
+    return min(free_port(), 64000)

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated
-
 import can
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
-from srl.drivers.canbus import CanLink
 from srl.drivers.mit_can import MitCan
 from srl.drivers.mit_can.config import MitCanConfig
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
-from srl.runtime.contracts.signals import Array, Stop
-from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.runtime.contracts.world import FakeConfig, World
 from srl.sim.devices.mit_can.drives import Drives
+from srl.sim.devices.shared.driver_fake import DriverFake
 from srl.sim.devices.shared.memory_can import MemoryCan
 from srl.sim.devices.shared.servo_chain import numbers
-from srl.sim.devices.shared.windows import Windows, inside, require_cell, rising
+from srl.sim.devices.shared.windows import Windows, inside, require_cell
 from srl.sim.parts.actuators.chain import ActuatorChain
-
-Gone = Annotated[Windows, AfterValidator(rising)]
 
 
 class FakeMitCanConfig(FakeConfig):
@@ -30,15 +24,15 @@ class FakeMitCanConfig(FakeConfig):
     bus: str | None = Field(
         default=None, description="can://INTERFACE/CHANNEL the twin joins; None: multicast that stays on this host"
     )
-    loss: Gone = Field(default=(), description="s, [from, to] pairs in world time without power on all drives")
-    silent: dict[str, Gone] = Field(default={}, description="the same by motor: its CAN cable is out")
-    brown_out: dict[str, Gone] = Field(default={}, description="the same by motor: it has no power")
+    loss: Windows = Field(default=(), description="s, [from, to] pairs in world time without power on all drives")
+    silent: dict[str, Windows] = Field(default={}, description="the same by motor: its CAN cable is out")
+    brown_out: dict[str, Windows] = Field(default={}, description="the same by motor: it has no power")
     silence: float = Field(
         default=0.0, ge=0, description="s without a frame after which a CubeMars slackens; 0: it goes on for ever"
     )
 
 
-class FakeMitCan(Fake):
+class FakeMitCan(DriverFake):
     """The driver and its simulated drives; nothing lies between them but the bus.
 
     Attributes:
@@ -47,6 +41,8 @@ class FakeMitCan(Fake):
 
     Options = FakeMitCanConfig
     real = MitCan
+    config: MitCanConfig
+    driver: MitCan
 
     def __init__(self, name: str, config: MitCanConfig, world: World, options: FakeMitCanConfig) -> None:
         super().__init__(name, config, world, options)
@@ -62,15 +58,14 @@ class FakeMitCan(Fake):
         self._names = list(config.motors)
         self._drives: Drives | None = None
         self._out = [False] * len(self._names)
-        self._driver = _OnDrives(name, config, self)
-        self.health = self._driver.health
+        self.driver.timeout = 0.0
+        self.driver.connect = lambda: MemoryCan(f"{name} ({config.port})", self._obey)  # type: ignore[method-assign]
 
     @property
     def drives(self) -> Drives:
         """The simulated drives, with encoders read now."""
         motors = self.chain.measure()
         if self._drives is None or self._drives.motors is not motors:
-            assert isinstance(self.config, MitCanConfig)
             self._drives = Drives(self.config, motors, self.numbers, self._options.silence)
         return self._drives
 
@@ -90,54 +85,23 @@ class FakeMitCan(Fake):
                 (drives.unplugged.add if cut else drives.unplugged.discard)(k)
         return drives
 
-    def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
-        self._driver.bind(states, commands)
-        self.state_arrays, self.command_arrays = states, commands
-        self.sent_arrays = self._driver.sent_arrays
-
     def open(self) -> None:
         self.follow()
-        self._driver.open()
-        self.limits = self._driver.limits
+        super().open()
 
     def read(self, now: int) -> None:
         self._check()
         self.follow()
-        self._driver.read(now)
+        super().read(now)
 
     def write(self, now: int) -> None:
         self._check()
-        self._driver.write(now)
-
-    def stop(self, category: Stop) -> None:
-        self._driver.stop(category)
-
-    def close(self) -> None:
-        self._driver.close()
-
-    def recover(self, now: int) -> None:
-        self._driver.recover(now)
-
-    def metrics(self) -> dict[str, object]:
-        return self._driver.metrics()
+        super().write(now)
 
     def _check(self) -> None:
         if not self.health.connected:
             raise DeviceLostError(self.name, "it isn't open", "Open it first")
 
-
-class _OnDrives(MitCan):
-    """The driver, on a bus in memory."""
-
-    timeout = 0.0
-
-    def __init__(self, name: str, config: MitCanConfig, fake: FakeMitCan) -> None:
-        super().__init__(name, config)
-        self._fake = fake
-
-    def connect(self) -> CanLink:
-        def obey(message: can.Message) -> list[can.Message]:
-            answers = self._fake.drives.take(message.arbitration_id, bytes(message.data), bool(message.is_extended_id))
-            return [can.Message(arbitration_id=i, data=d, is_extended_id=e) for i, d, e in answers]
-
-        return MemoryCan(self._place, obey)
+    def _obey(self, message: can.Message) -> list[can.Message]:
+        answers = self.drives.take(message.arbitration_id, bytes(message.data), bool(message.is_extended_id))
+        return [can.Message(arbitration_id=i, data=d, is_extended_id=e) for i, d, e in answers]

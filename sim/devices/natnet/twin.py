@@ -5,9 +5,6 @@ from __future__ import annotations
 import struct
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from srl.drivers.capture.names import Point, Subject
 from srl.drivers.natnet import protocol
 from srl.drivers.natnet.frame import EDITED, MODEL_CHANGED, UNLABELLED, Body, Marker, MotiveFrame
@@ -17,7 +14,8 @@ from srl.runtime.contracts.rotation import Quaternion, conjugate, turned
 from srl.runtime.contracts.signals import Array
 from srl.sim.devices.natnet import twin_frame as encode
 from srl.sim.devices.natnet.fake import FakeNatNet
-from srl.sim.devices.shared.sockets import SocketTwin, UdpDoor
+from srl.sim.devices.shared.sockets import UdpDoor
+from srl.sim.devices.shared.stream_twin import StreamTwin
 
 FREQUENCY: Final = 10_000_000  # Hz, of the performance counter
 GROUP: Final = "239.255.42.99"
@@ -37,7 +35,7 @@ class _Session:
         self.version, self.heard = version, now
 
 
-class NatNetTwin(SocketTwin):
+class NatNetTwin(StreamTwin):
     """Sends the fake's samples when they would reach a client of the fake.
 
     The address is that of its command port. In unicast, frames go from the data port to each client that connected; in
@@ -46,7 +44,7 @@ class NatNetTwin(SocketTwin):
     """
 
     def __init__(self, fake: FakeNatNet) -> None:
-        super().__init__(fake)
+        super().__init__(fake, fake.kept)
         self.motive = fake
         self.offset = 1000
         self.playing = False
@@ -55,16 +53,13 @@ class NatNetTwin(SocketTwin):
         self._changed = False
         self._command, self._data = UdpDoor(), UdpDoor()
         self._sessions: dict[tuple[str, int], _Session] = {}
-        self._last = -1
-        self._frames = 0
-        self._log: list[tuple[int, int, int]] = []
 
     def doors(self) -> list[Any]:
         return [self._command, self._data]
 
     def opened(self) -> None:
+        super().opened()
         self._sessions = {}
-        self._last = self.motive.newest()
 
     @property
     def info(self) -> ServerInfo:
@@ -96,22 +91,12 @@ class NatNetTwin(SocketTwin):
         for data, peer in self._command.read():
             self._obey(data, peer, now)
         self._data.read()
-        newest = self.motive.newest()
-        self._last = min(self._last, newest)  # the world was restored to an earlier state
-        for number in range(max(self._last + 1, newest - self.motive.kept + 1), newest + 1):
-            values = self.motive.sample(number)
-            if values is not None:
-                self._send(number, values, now)
-        self._last = newest
+        for number, values in self.due.take():
+            self._send(number, values, now)
 
     def metrics(self) -> dict[str, object]:
-        """Adds to the socket twin's figures: number of frames made, clients that get them."""
-        return super().metrics() | {"frames": self._frames, "clients": len(self._sessions)}
-
-    def log(self) -> dict[str, NDArray[Any]]:
-        """`sent_ns` (k,): when each frame was sent. `taken_ns` (k,): its world time. `frame` (k,): its number."""
-        sent, taken, frame = np.array(self._log, np.int64).reshape(-1, 3).T
-        return {"sent_ns": sent, "taken_ns": taken, "frame": frame}
+        """Adds to the stream's figures: clients that get the frames."""
+        return super().metrics() | {"clients": len(self._sessions)}
 
     # -- commands
 
@@ -227,9 +212,7 @@ class NatNetTwin(SocketTwin):
             if version not in made:
                 made[version] = encode.frame(seen, sets, version)
             self._data.write(made[version], peer)
-        self._frames += 1
-        if self.keep_log:
-            self._log.append((now, self.motive.taken_at(number), seen.number))
+        self.sent(number, seen.number, now)
 
     def _seen(self, number: int, values: Array) -> tuple[MotiveFrame, dict[str, list[Point]]]:
         fake, scene = self.motive, self.motive.scene

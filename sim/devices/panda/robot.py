@@ -6,10 +6,10 @@ import zlib
 from collections import deque
 from enum import Enum
 from struct import Struct
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import Field, field_validator
 
 from srl.drivers.panda.packets import RobotMode, command_dtype
 from srl.runtime.contracts.errors import WiringError
@@ -17,7 +17,7 @@ from srl.runtime.contracts.world import FakeConfig, World
 from srl.sim.devices.panda.controller import PandaController
 from srl.sim.devices.panda.motion import Setpoint
 from srl.sim.devices.panda.state import Sensors, StateWriter
-from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.devices.shared.windows import Windows, inside
 from srl.sim.parts.robots.panda import PandaPart
 from srl.sim.world.cell import Cell
 
@@ -26,7 +26,6 @@ _BLOCK: Final = 128  # number of ticks whose random numbers are drawn together
 _CATCH_UP: Final = 100  # most ticks made up for at once
 # A command's message id, q_c and dq_c, end of the motion, torques, end of the torques: many times as quick as a record.
 _COMMAND: Final = {5: Struct("<Q7d7d192xx?7d"), 10: Struct("<Q7d7d192xx?7d?")}
-Times = Annotated[Windows, AfterValidator(rising)]
 
 
 class FakePandaConfig(FakeConfig):
@@ -40,9 +39,9 @@ class FakePandaConfig(FakeConfig):
     effort_noise: float = Field(default=0.02, ge=0, description="N m, of tau_J and of the external torques")
     delay: int = Field(default=0, ge=0, le=15, description="ms that a command takes longer than to the next tick")
     dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a command is lost")
-    deaf: Times = Field(default=(), description="no command arrives")
-    loss: Times = Field(default=(), description="the robot is gone: no power, or the cable is out")
-    user_stop: Times = Field(default=(), description="the user stop is pressed: brakes")
+    deaf: Windows = Field(default=(), description="no command arrives")
+    loss: Windows = Field(default=(), description="the robot is gone: no power, or the cable is out")
+    user_stop: Windows = Field(default=(), description="the user stop is pressed: brakes")
     host: str = Field(default="127.0.0.1", description="the twin's address; libfranka wants port 1337: 127.0.0.3")
     port: int = Field(default=0, ge=0, le=65535, description="the twin's command port; 0: any that is free")
     lockstep: bool = Field(

@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.debounce import Debounced
 from srl.drivers.ring import Ring, RingConfig
 from srl.runtime.contracts.driver import Sensor
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
-
-_Windows = Annotated[Windows, AfterValidator(rising)]
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone
 
 
 class FakeRingConfig(FakeConfig):
     """Options of the fake."""
 
-    presses: _Windows = Field(default=(), description="s, [from, to] pairs in world time during which it is pressed")
+    presses: Windows = Field(default=(), description="s, [from, to] pairs in world time during which it is pressed")
     bounce: float = Field(
         default=0.002,
         ge=0,
         le=0.1,
         description="s after each edge during which its contact chatters, 1000 times a second",
     )
-    asleep: _Windows = Field(default=(), description="s, pairs during which a Bluetooth ring sleeps")
-    loss: _Windows = Field(default=(), description="s, pairs during which a serial ring is unplugged")
+    asleep: Windows = Field(default=(), description="s, pairs during which a Bluetooth ring sleeps")
+    loss: Windows = Field(default=(), description="s, pairs during which a serial ring is unplugged")
 
 
 class FakeRing(Sensor, Fake):
@@ -35,6 +31,7 @@ class FakeRing(Sensor, Fake):
 
     Options = FakeRingConfig
     real = Ring
+    config: RingConfig
 
     def __init__(self, name: str, config: RingConfig, world: World, options: FakeRingConfig) -> None:
         super().__init__(name, config, world, options)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from srl.drivers.evdev import Description
-from srl.drivers.ring.driver import RingConfig
 from srl.drivers.ring.serial_ring import ASK
-from srl.runtime.contracts.world import Fake, Twin
+from srl.runtime.contracts.world import Twin
 from srl.sim.devices.ring.fake import FakeRing
 from srl.sim.devices.shared.evdev import EventTwin
 from srl.sim.devices.shared.serial import SerialTwin
@@ -13,10 +12,8 @@ from srl.sim.devices.shared.serial import SerialTwin
 _HEARTBEAT = 100_000_000  # ns
 
 
-def ring_twin(fake: Fake) -> Twin:
+def ring_twin(fake: FakeRing) -> Twin:
     """Returns the twin for the profile's `port`: an input device for 'input' and nodes, else a serial line."""
-    assert isinstance(fake, FakeRing)
-    assert isinstance(fake.config, RingConfig)
     port = fake.config.port
     return InputRing(fake) if port == "input" or port.startswith("/dev/input") else SerialRing(fake)
 
@@ -33,7 +30,6 @@ class InputRing(EventTwin):
 
     def describe(self) -> Description:
         """The remote's own chip has already debounced the key."""
-        assert isinstance(self.ring.config, RingConfig)
         key = self.ring.config.keys[0]
         pressed = frozenset([key] if self.ring.contact() else [])
         return Description(

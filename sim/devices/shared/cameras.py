@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.capture.config import CaptureConfig
 from srl.drivers.capture.names import Subject
@@ -21,7 +21,7 @@ from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.noise import SampleNoise
 from srl.sim.devices.shared.scene import Scene
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
-from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.devices.shared.windows import Windows, inside
 from srl.sim.parts.body.subject import MocapSubject
 
 _LEVER: Final = 0.05  # m between markers: position noise divided by it is the orientation's noise
@@ -37,7 +37,7 @@ class CamerasConfig(SensorOptions):
     bodies: dict[str, dict[str, str]] = Field(
         default_factory=dict, description="further subjects, SUBJECT: {SEGMENT: PART/BODY}, the root first; no markers"
     )
-    occlusion: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
+    occlusion: dict[str, Windows] = Field(
         default_factory=dict, description="SUBJECT or SUBJECT/MARKER: [from, to] pairs, s, while it can't be seen"
     )
     marker_dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a frame lacks a marker")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from abc import abstractmethod
 
 import can
@@ -10,6 +9,7 @@ import can
 from srl.drivers.canbus import CanLink, open_can
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.world import Fake, Twin
+from srl.sim.devices.shared.sockets import free_port
 from srl.sim.devices.shared.windows import Windows, inside
 
 GROUP = "239.74.163.2"  # python-can's default group for its multicast bus
@@ -40,7 +40,7 @@ class CanTwin(Twin):
         self.close()
         if self.bus is None:
             # hop_limit 0: the frames stay on this host. A separate port for each twin allows several buses.
-            self.bus = f"can://udp_multicast/{GROUP}?port={_free_port()}&hop_limit=0"
+            self.bus = f"can://udp_multicast/{GROUP}?port={free_port()}&hop_limit=0"
         self._link = open_can(self.bus, place=f"twin of {self.fake.name}")
         self.address = self.bus
         self.power_up()
@@ -101,9 +101,3 @@ class CanTwin(Twin):
     def metrics(self) -> dict[str, object]:
         """Frames for which the bus had no room."""
         return {"unsent": self._unsent}
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

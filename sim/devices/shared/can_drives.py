@@ -1,27 +1,27 @@
 """Simulated drives on a CAN bus: the firmware of each, the fake that puts the driver before it, and the twin.
 
-The fake is the driver itself, with the frames of a bus in memory. So all that the driver does about faults, silence and
-the first command is in every simulated run, and the wire is the twin's own, frame by frame.
+The fake is the driver itself, with the frames of a bus in memory: the wire is the twin's own, frame by frame.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Annotated, ClassVar
+from collections.abc import Sequence
+from functools import partial
+from typing import ClassVar
 
 import can
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.can_axes.driver import CanAxes
 from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import WiringError, nearest
-from srl.runtime.contracts.signals import Array, Stop
-from srl.runtime.contracts.world import Fake, FakeConfig, World
+from srl.runtime.contracts.world import FakeConfig, World
 from srl.sim.devices.shared.can import CanTwin
+from srl.sim.devices.shared.driver_fake import DriverFake
 from srl.sim.devices.shared.memory_can import MemoryCan
 from srl.sim.devices.shared.noise import SampleNoise
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell
 from srl.sim.parts.actuators.chain import ActuatorChain
 from srl.sim.parts.actuators.motors import ActuatorMotors
 
@@ -31,9 +31,7 @@ class FakeDrivesConfig(FakeConfig):
 
     part: str | None = Field(default=None, description="the cell's chain; None: the one that fits")
     dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a frame of a drive is lost")
-    loss: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in world time during which the bus is gone"
-    )
+    loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the bus is gone")
     bus: str | None = Field(
         default=None, description="can://INTERFACE/CHANNEL the twin joins; None: multicast that stays on this host"
     )
@@ -92,7 +90,7 @@ def numbers(chain: ActuatorChain, names: Sequence[str], device: str) -> list[int
     return [chain.names.index(name) for name in names]
 
 
-class FakeDrives(Fake):
+class FakeDrives(DriverFake):
     """Drives of one bus: the driver, before simulated firmware.
 
     When the bus is lost, the drives go on until their own time limit. Drop-outs depend only on the seed, the name and
@@ -100,17 +98,17 @@ class FakeDrives(Fake):
 
     Attributes:
         nodes: in the order of the profile's axes.
-        driver: the real driver.
     """
 
     Options = FakeDrivesConfig
     real: ClassVar[type[CanAxes]]
+    driver: CanAxes
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeDrivesConfig) -> None:
         super().__init__(name, config, world, options)
         self.drive_options = options
-        self.driver = self.real(name, config)  # type: ignore[arg-type]
-        self.health, self.limits = self.driver.health, self.driver.limits
+        link = partial(MemoryCan, name, self.take, self.due, lambda: self.is_gone)
+        self.driver.connect = link  # type: ignore[method-assign]
         self.chain = require_cell(world, name).part(ActuatorChain, name, options.part)
         of = numbers(self.chain, self.driver.labels, name)
         self.nodes = [self.node(k, i) for k, i in enumerate(of)]
@@ -150,35 +148,10 @@ class FakeDrives(Fake):
         begin = self._sent - len(found)
         return [m for k, m in enumerate(found) if self._noise.uniform(begin + k) >= self.drive_options.dropout]
 
-    # -- the driver's life
-
-    def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
-        super().bind(states, commands)
-        self.driver.bind(states, commands)
-        self.driver.sent_arrays = self.sent_arrays
-
     def open(self) -> None:
         self.close()
         refuse_while_gone(self.name, self.drive_options.loss, self.world.time)
-        self.driver.opens(MemoryCan(self.name, self.take, self.due, lambda: self.is_gone))
-
-    def read(self, now: int) -> None:
-        self.driver.read(now)
-
-    def write(self, now: int) -> None:
-        self.driver.write(now)
-
-    def stop(self, category: Stop) -> None:
-        self.driver.stop(category)
-
-    def close(self) -> None:
-        self.driver.close()
-
-    def recover(self, now: int) -> None:
-        self.driver.recover(now)
-
-    def metrics(self) -> dict[str, object]:
-        return self.driver.metrics()
+        super().open()
 
 
 class DrivesTwin(CanTwin):

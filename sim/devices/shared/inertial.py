@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import radians
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.serial_imu import SerialImuConfig, expire
 from srl.runtime.contracts.per_element import Finite, PerElement
@@ -13,7 +13,7 @@ from srl.runtime.contracts.rotation import exp, from_rpy, product
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
-from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.devices.shared.windows import Windows, inside
 from srl.sim.parts.things.imu import ImuPart
 
 Tilt = Annotated[tuple[Finite, Finite], PerElement(("x", "y"))]
@@ -26,7 +26,7 @@ class InertialOptions(SensorOptions):
     drift: float = Field(default=radians(0.5) / 60, description="rad/s, of the yaw: 0.5 degrees a minute")
     yaw: float = Field(default=0.0, description="rad, that it reads when it points along x of the world")
     tilt: Tilt = Field(default=(0.0, 0.0), description="rad, constant error about x and y of the world; up to 0.026")
-    silent: Annotated[Windows, AfterValidator(rising)] = Field(
+    silent: Windows = Field(
         default=(), description="s, [from, to] pairs in world time during which it sends nothing, its cable in place"
     )
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Annotated, ClassVar, Final
+from typing import ClassVar, Final, cast
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.errors import DeviceLostError, WiringError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.noise import SampleNoise
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone
 from srl.sim.world.cell import Cell
 from srl.sim.world.samples import Samples
 
@@ -29,9 +29,7 @@ class SensorOptions(FakeConfig):
     noise: float = Field(default=0.0, ge=0, description="standard deviation, in the fake's own noise units")
     delay: float = Field(default=0.0, ge=0, le=0.5, description="s, from sampling to arrival")
     dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a sample is lost on its way")
-    loss: Annotated[Windows, AfterValidator(rising)] = Field(
-        default=(), description="s, [from, to] pairs in world time during which the device is gone"
-    )
+    loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the device is gone")
 
 
 class SampledFake(Fake):
@@ -66,8 +64,7 @@ class SampledFake(Fake):
     @property
     def cell(self) -> Cell:
         """The world."""
-        assert isinstance(self.world, Cell)
-        return self.world
+        return cast(Cell, self.world)
 
     def sampled(self, size: int, take: Callable[[], Array]) -> None:
         """Sets what is measured; called once, in `__init__`. `take` returns the present true values (size,)."""

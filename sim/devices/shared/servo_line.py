@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import termios
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from srl.drivers.servo_bus.packets import Instruction
-from srl.runtime.contracts.world import Fake
 from srl.sim.devices.shared.serial import SerialTwin
+from srl.sim.devices.shared.servo_fake import FakeServos
 
 _RATES_AGREE: Final = 0.02  # share by which the two ends of a line may differ
 _SPEEDS: Final = {
@@ -37,8 +37,9 @@ class ServoLine(SerialTwin):
 
     _parser: Any
 
-    def __init__(self, fake: Fake) -> None:
+    def __init__(self, fake: FakeServos) -> None:
         super().__init__(fake)
+        self.bus = fake
         self.absent: set[int] = set()
         self.twice: set[int] = set()
         self.corrupt = 0
@@ -58,16 +59,33 @@ class ServoLine(SerialTwin):
         self._restarting = [False] * len(servos)
 
     @abstractmethod
-    def _measure(self) -> None:
-        """Takes the servos' encoders from the world."""
-
-    @abstractmethod
     def _rate_of(self, servo: Any) -> int:
         """The baud rate of a servo, bit/s."""
 
     @abstractmethod
     def _obey(self, instruction: Instruction) -> None:
         """Carries out an instruction, on all servos that it is for."""
+
+    def _named(self, instruction: Instruction, names: Mapping[int, str]) -> str:
+        """The name of an instruction, which is counted."""
+        name = names.get(instruction.code, f"{instruction.code:#04x}")
+        self.seen[name] = self.seen.get(name, 0) + 1
+        return name
+
+    def metrics(self) -> dict[str, object]:
+        """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque.
+
+        Lost packets are those damaged, collided or sent at a wrong baud rate. The torque is given for each motor.
+        """
+        motors = self.bus.chain.motors
+        return super().metrics() | {
+            "instructions": dict(self.seen),
+            "damaged": self._parser.errors,
+            "collisions": self.collisions,
+            "wrong_rate": self.wrong_rate,
+            "refused": {f"{s.get('id')}.{what}": n for s in self._stations for what, n in s.refused.items()},
+            "torque": [bool(motors.torque[i]) for i in self.bus.numbers],
+        }
 
     # -- the line
 
@@ -98,7 +116,7 @@ class ServoLine(SerialTwin):
 
     def _begin(self, now: int) -> None:
         self._now = now
-        self._measure()
+        self.bus.chain.measure()
         for servo in self._stations:
             servo.now = now
 

@@ -8,8 +8,8 @@ import select
 import socket
 import struct
 import termios
-from abc import abstractmethod
-from typing import Any, Final
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Final
 
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.contracts.world import Fake, Twin
@@ -18,6 +18,13 @@ from srl.sim.devices.shared.windows import Plug
 CHUNK: Final = 65536
 CHUNKS: Final = 64  # most chunks in one read
 _BACKLOG: Final = 8
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    """A port of this host that nobody has now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 class Client:
@@ -117,76 +124,99 @@ class Client:
         return taken
 
 
-class TcpDoor:
-    """A listening socket and its clients.
+class Door(ABC):
+    """A socket of a twin.
 
     Attributes:
-        address: `tcp://HOST:PORT`; "" while closed.
-        clients: the connected clients.
-        connects: number of clients so far.
-        bytes_in, bytes_out: bytes received from and sent to all clients.
-        lost: bytes that clients were too slow to take.
+        host: its loopback address.
+        port: its port; it stays the same after close and open.
+        address: `tcp://HOST:PORT` or `udp://HOST:PORT`; "" while closed.
+        bytes_in, bytes_out: bytes received and sent.
+        lost: bytes that clients were too slow to take, or for which the kernel had no room.
     """
 
-    def __init__(self, host: str = "127.0.0.1", most: int = 4) -> None:
-        """
-        Args:
-            host: a loopback address; 127.0.0.2 and so on are loopback, too.
-            most: most clients at a time; further ones are rejected.
-        """
+    kind: ClassVar[socket.SocketKind]
+    scheme: ClassVar[str]
+
+    def __init__(self, host: str = "127.0.0.1") -> None:
+        """`host`: a loopback address; 127.0.0.2 and so on are loopback, too. Raises HostError: another one."""
         if not host.startswith("127."):
             raise HostError(host, "a twin listens on loopback only", "Use 127.0.0.1")
-        self.host, self.most = host, most
+        self.host = host
         self.address = ""
-        self.clients: list[Client] = []
-        self.connects = self.bytes_in = self.bytes_out = self.lost = 0
-        self._listener: socket.socket | None = None
-        # An eighth of the time of an accept in vain, which a twin makes each millisecond; so with what clients send.
-        self._knocks = select.poll()
-        self._port = 0
-
-    @property
-    def port(self) -> int:
-        """The port number; it stays the same after close and open."""
-        return self._port
+        self.port = 0
+        self.bytes_in = self.bytes_out = self.lost = 0
+        self._socket: socket.socket | None = None
+        # An eighth of the time of a call in vain, which a twin makes each millisecond.
+        self._arrivals = select.poll()
 
     @property
     def is_open(self) -> bool:
-        """Whether clients can connect."""
-        return self._listener is not None
+        """Whether clients can reach it."""
+        return self._socket is not None
 
     def open(self, port: int = 0) -> None:
-        """Listens; uses the previous port again, if there was one.
+        """Binds the socket; uses the previous port again, if there was one.
 
         Raises:
             HostError: the port is already in use.
         """
         self.close()
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        link = socket.socket(socket.AF_INET, self.kind | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
         try:
-            listener.bind((self.host, port or self._port))
-            listener.listen(_BACKLOG)
+            self._bind(link, (self.host, port or self.port))
         except OSError as error:
-            listener.close()
+            link.close()
             raise HostError(
-                f"{self.host}:{port or self._port}",
+                f"{self.host}:{port or self.port}",
                 f"a twin can't listen there: {error.strerror}",
                 "Choose another port",
             ) from None
-        self._listener = listener
-        self._knocks = select.poll()
-        self._knocks.register(listener, select.POLLIN)
-        self._port = listener.getsockname()[1]
-        self.address = f"tcp://{self.host}:{self._port}"
+        self._socket, self.port = link, link.getsockname()[1]
+        self._arrivals = select.poll()
+        self._arrivals.register(link, select.POLLIN)
+        self.address = f"{self.scheme}://{self.host}:{self.port}"
+
+    @abstractmethod
+    def _bind(self, link: socket.socket, address: tuple[str, int]) -> None:
+        """Raises OSError."""
+
+    def close(self) -> None:
+        """Closes the socket. Always succeeds."""
+        link, self._socket = self._socket, None
+        self.address = ""
+        if link is not None:
+            link.close()
+
+
+class TcpDoor(Door):
+    """A listening socket and its clients; see `Door`.
+
+    Attributes:
+        clients: the connected clients.
+        connects: number of clients so far.
+    """
+
+    kind, scheme = socket.SOCK_STREAM, "tcp"
+
+    def __init__(self, host: str = "127.0.0.1", most: int = 4) -> None:
+        """`most`: most clients at a time; further ones are rejected."""
+        super().__init__(host)
+        self.most, self.connects = most, 0
+        self.clients: list[Client] = []
+
+    def _bind(self, link: socket.socket, address: tuple[str, int]) -> None:
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        link.bind(address)
+        link.listen(_BACKLOG)
 
     def accept(self) -> list[Client]:
         """Accepts new clients and removes those that have disconnected; returns the new ones."""
         self.clients = [client for client in self.clients if not client.gone]
         new: list[Client] = []
-        while self._listener is not None and self._knocks.poll(0):
+        while self._socket is not None and self._arrivals.poll(0):
             try:
-                link, _ = self._listener.accept()
+                link, _ = self._socket.accept()
             except OSError:
                 break
             try:
@@ -207,61 +237,17 @@ class TcpDoor:
         for client in self.clients:
             client.reset()
         self.clients = []
-        listener, self._listener = self._listener, None
-        self.address = ""
-        if listener is not None:
-            listener.close()
+        super().close()
 
 
-class UdpDoor:
-    """A bound datagram socket.
+class UdpDoor(Door):
+    """A bound datagram socket; see `Door`."""
 
-    Attributes:
-        address: `udp://HOST:PORT`; "" while closed.
-        bytes_in, bytes_out: bytes received and sent.
-        lost: bytes for which the kernel had no room.
-    """
+    kind, scheme = socket.SOCK_DGRAM, "udp"
 
-    def __init__(self, host: str = "127.0.0.1") -> None:
-        if not host.startswith("127."):
-            raise HostError(host, "a twin listens on loopback only", "Use 127.0.0.1")
-        self.host = host
-        self.address = ""
-        self.bytes_in = self.bytes_out = self.lost = 0
-        self._socket: socket.socket | None = None
-        self._arrivals = select.poll()
-        self._port = 0
-
-    @property
-    def port(self) -> int:
-        """The port number; it stays the same after close and open."""
-        return self._port
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the socket is bound."""
-        return self._socket is not None
-
-    def open(self, port: int = 0) -> None:
-        """Binds the socket; uses the previous port again, if there was one.
-
-        Raises:
-            HostError: the port is already in use.
-        """
-        self.close()
-        link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
-        try:
-            link.bind((self.host, port or self._port))
-            link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))  # loopback only
-        except OSError as error:
-            link.close()
-            raise HostError(
-                f"{self.host}:{port or self._port}", f"a twin can't bind it: {error.strerror}", "Choose another port"
-            ) from None
-        self._socket, self._port = link, link.getsockname()[1]
-        self._arrivals = select.poll()
-        self._arrivals.register(link, select.POLLIN)
-        self.address = f"udp://{self.host}:{self._port}"
+    def _bind(self, link: socket.socket, address: tuple[str, int]) -> None:
+        link.bind(address)
+        link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))  # loopback only
 
     def read(self) -> list[tuple[bytes, tuple[str, int]]]:
         """Received datagrams and their senders, oldest first; never blocks."""
@@ -288,13 +274,6 @@ class UdpDoor:
             self.bytes_out += len(data)
         except OSError:
             self.lost += len(data)
-
-    def close(self) -> None:
-        """Closes the socket. Always succeeds."""
-        link, self._socket = self._socket, None
-        self.address = ""
-        if link is not None:
-            link.close()
 
 
 class SocketTwin(Twin):

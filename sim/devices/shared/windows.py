@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 from srl.runtime.contracts.errors import DeviceError, WiringError
 from srl.runtime.contracts.world import Fake, World
 from srl.sim.world.cell import Cell
 
-Windows = tuple[tuple[float, float], ...]
+_Windows = tuple[tuple[float, float], ...]
 
 
-def rising(windows: Windows) -> Windows:
+def rising(windows: _Windows) -> _Windows:
     """Raises `ValueError` for windows that end before they begin, or begin before the previous one has ended."""
     times = [t for window in windows for t in window]
     if any(a >= b for a, b in pairwise(times)):
         raise ValueError("the times must rise: [[from, to], [from, to], ...]")
     return windows
+
+
+Windows = Annotated[_Windows, AfterValidator(rising)]
 
 
 def inside(windows: Windows, at: int) -> bool:

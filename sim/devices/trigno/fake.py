@@ -6,7 +6,7 @@ import zlib
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.trigno import Trigno, TrignoConfig
 from srl.drivers.trigno.envelope import Envelope
@@ -16,11 +16,10 @@ from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.surface_emg import Muscles, SurfaceEmg, muscles
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone
 
 IN_FRAME: Final = 27  # samples in a frame
 _CATCH_UP: Final = 80  # most frames in one read
-_Windows = Annotated[Windows, AfterValidator(rising)]
 
 
 class FakeTrignoConfig(FakeConfig):
@@ -39,10 +38,10 @@ class FakeTrignoConfig(FakeConfig):
     mains: float = Field(default=0.0, ge=0, description="V, amplitude of a 50 Hz hum")
     delay: float = Field(default=0.02, ge=0, le=0.5, description="s, from the end of a radio frame to its arrival")
     dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a radio frame never comes")
-    out_of_reach: dict[str, _Windows] = Field(
+    out_of_reach: dict[str, Windows] = Field(
         default_factory=dict, description="by muscle, [from, to] pairs, s, during which its sensor isn't received"
     )
-    loss: _Windows = Field(default=(), description="s, pairs during which the server is gone")
+    loss: Windows = Field(default=(), description="s, pairs during which the server is gone")
 
 
 class FakeTrigno(Sensor, Fake):

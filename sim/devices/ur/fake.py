@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import isfinite
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from srl.drivers.ur import Ur, UrConfig
 from srl.drivers.ur.declaration import fault as fault_of
@@ -19,7 +19,7 @@ from srl.runtime.contracts.errors import DeviceError, WiringError
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.sensor import SampledFake, SensorOptions
-from srl.sim.devices.shared.windows import Windows, inside, rising
+from srl.sim.devices.shared.windows import Windows, inside
 from srl.sim.devices.ur.controller import UrController
 from srl.sim.parts.robots.arm import ArmPart
 
@@ -37,8 +37,6 @@ _NOISE: Final = np.repeat((1e-5, 1e-3, 0.0, 0.5, 0.0, 0.0, 0.0), 6)  # rad, rad/
 _NOISE[24:30] = (0.5, 0.5, 0.5, 0.03, 0.03, 0.03)
 _OURS: Final = 1  # the fake's own nonce
 
-Times = Annotated[Windows, AfterValidator(rising)]
-
 
 class FakeUrConfig(SensorOptions):
     """Options of the fake."""
@@ -51,10 +49,10 @@ class FakeUrConfig(SensorOptions):
     start: Literal["running", "power-off"] = "running"
     host: str = Field(default="127.0.0.1", description="loopback address that the twin listens on")
     standard_ports: bool = Field(default=False, description="the twin listens at the real controller's ports")
-    emergency: Times = Field(default=(), description="s, [from, to] pairs: the emergency stop is pressed")
-    safeguard: Times = Field(default=(), description="s, [from, to] pairs: somebody is in the guarded area")
+    emergency: Windows = Field(default=(), description="s, [from, to] pairs: the emergency stop is pressed")
+    safeguard: Windows = Field(default=(), description="s, [from, to] pairs: somebody is in the guarded area")
     protective: tuple[float, ...] = Field(default=(), description="s, times at which the arm stops protectively")
-    presses: dict[str, Times] = Field(default={}, description="s, by button: [from, to] pairs: its input is on")
+    presses: dict[str, Windows] = Field(default={}, description="s, by button: [from, to] pairs: its input is on")
 
 
 class _Stream:

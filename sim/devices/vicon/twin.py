@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import socket
-from typing import Any, Final
+from typing import Final
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -13,7 +12,8 @@ from srl.drivers.capture.selection import root_of
 from srl.drivers.vicon import objects
 from srl.drivers.vicon.objects import TrackedObject
 from srl.runtime.contracts.rotation import euler_angles
-from srl.sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from srl.sim.devices.shared.sockets import Client, TcpDoor, UdpDoor, free_port
+from srl.sim.devices.shared.stream_twin import StreamTwin
 from srl.sim.devices.vicon.fake import FakeVicon
 from srl.sim.devices.vicon.twin_frame import FrameMaker
 from srl.sim.devices.vicon.twin_session import Session
@@ -21,7 +21,7 @@ from srl.sim.devices.vicon.twin_session import Session
 _MOST: Final = 13  # most objects in the largest datagram
 
 
-class ViconTwin(SocketTwin):
+class ViconTwin(StreamTwin):
     """Sends the fake's samples when they would reach a client of the fake.
 
     If the device's `port` is `udp://...`, the object stream is sent to that port of this host (port 0: to a free one).
@@ -32,16 +32,13 @@ class ViconTwin(SocketTwin):
     """
 
     def __init__(self, fake: FakeVicon) -> None:
-        super().__init__(fake)
+        super().__init__(fake, fake.kept)
         self.vicon = fake
         self.maker = FrameMaker(fake)
         self._tcp, self._udp = TcpDoor(), UdpDoor()
         self._to_objects = fake.vicon.objects_only
         self._port = (urlsplit(fake.vicon.port).port or 0) if self._to_objects else 0
         self._sessions: dict[Client, Session] = {}
-        self._last = -1
-        self._frames = 0
-        self._log: list[tuple[int, int, int]] = []
 
     def doors(self) -> list[TcpDoor | UdpDoor]:
         return [self._udp if self._to_objects else self._tcp]
@@ -49,12 +46,12 @@ class ViconTwin(SocketTwin):
     def describe(self) -> str:
         if not self._to_objects:
             return self._tcp.address
-        self._port = self._port or _free_port()
+        self._port = self._port or free_port()
         return f"udp://127.0.0.1:{self._port}"
 
     def opened(self) -> None:
+        super().opened()
         self._sessions = {}
-        self._last = self.vicon.newest()
 
     def disable(self, subject: str) -> None:
         """Switches a subject off, as the operator does: it is removed from the stream's lists."""
@@ -74,20 +71,12 @@ class ViconTwin(SocketTwin):
             self._sessions[client] = Session(client, self.maker)
         for client, session in list(self._sessions.items()):
             session.service()
-            self._note(session.sent, now)
+            for number in session.sent:
+                self.sent(number, self._frame(number), now)
             session.sent.clear()
             if client.gone:
                 client.close()
                 del self._sessions[client]
-
-    def metrics(self) -> dict[str, object]:
-        """Adds to the socket twin's figures: number of frames sent."""
-        return super().metrics() | {"frames": self._frames}
-
-    def log(self) -> dict[str, NDArray[Any]]:
-        """`sent_ns` (k,): when each frame was sent. `taken_ns` (k,): its world time. `frame` (k,): its number."""
-        sent, taken, frame = np.array(self._log, np.int64).reshape(-1, 3).T
-        return {"sent_ns": sent, "taken_ns": taken, "frame": frame}
 
     def _announce(self) -> None:
         for session in self._sessions.values():
@@ -95,14 +84,10 @@ class ViconTwin(SocketTwin):
 
     def _send_objects(self, now: int) -> None:
         self._udp.read()
-        newest = self.vicon.newest()
-        for number in range(max(self._last + 1, newest - self.vicon.kept + 1), newest + 1):
-            values = self.vicon.sample(number)
-            if values is not None:
-                frame = (number + self.maker.offset) % (1 << 32)
-                self._udp.write(objects.encode(frame, self._objects(number, values)), ("127.0.0.1", self._port))
-                self._note([number], now)
-        self._last = newest
+        for number, values in self.due.take():
+            frame = self._frame(number)
+            self._udp.write(objects.encode(frame, self._objects(number, values)), ("127.0.0.1", self._port))
+            self.sent(number, frame, now)
 
     def _objects(self, number: int, values: NDArray[np.float64]) -> list[TrackedObject]:
         """The visible root segments as Tracker's objects; the others are left out."""
@@ -117,15 +102,5 @@ class ViconTwin(SocketTwin):
                 found.append(TrackedObject(subject.name, (*t[row].tolist(), *euler_angles(R[row][None], "XYZ")[0])))
         return found
 
-    def _note(self, numbers: list[int], now: int) -> None:
-        self._frames += len(numbers)
-        if self.keep_log:
-            offset = self.maker.offset
-            self._log += [(now, self.vicon.taken_at(n), (n + offset) % (1 << 32)) for n in numbers]
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    def _frame(self, number: int) -> int:
+        return (number + self.maker.offset) % (1 << 32)

@@ -16,9 +16,11 @@ from srl.runtime.contracts.errors import HostError, WiringError
 from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.messages import attachment, messages
-from srl.sim.devices.shared.sockets import SocketTwin
+from srl.sim.devices.shared.sockets import SocketTwin, free_port
+from srl.sim.devices.shared.stream_twin import Due
 from srl.sim.devices.zenoh.fake import FakeZenoh
 
+CATCH_UP = 11  # most samples sent at once
 _WAITING = 4096  # most samples and queries in the queue; further ones are dropped
 
 
@@ -70,7 +72,7 @@ class ZenohDoor:
             HostError: the port is already in use.
         """
         self.close()
-        self._port = port or self._port or _free_port()
+        self._port = port or self._port or free_port(socket.SOCK_STREAM)  # zenoh doesn't report which it was given
         endpoint = f"tcp/127.0.0.1:{self._port}"
         config = {
             "mode": self._mode,
@@ -137,13 +139,6 @@ class ZenohDoor:
             session.close()
 
 
-def _free_port() -> int:
-    """Finds a free port first, because zenoh doesn't report which port it was given."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 class ZenohTwin(SocketTwin):
     """The other machine: publishes the fake's signals at their keys, with time stamps of its own clock.
 
@@ -165,7 +160,7 @@ class ZenohTwin(SocketTwin):
             "peer", [], [f"srl/{name}/state/**" for name in instances], [f"srl/{name}/alive" for name in instances]
         )
         self._wall = 0
-        self._last = -1
+        self._due = Due(fake, CATCH_UP)
         self._count = 0
         self._sender = os.urandom(16)
 
@@ -174,18 +169,14 @@ class ZenohTwin(SocketTwin):
 
     def opened(self) -> None:
         self._wall = time.time_ns() - time.monotonic_ns()
-        self._last = self._fake.newest()
+        self._due.begin()
 
     def work(self, now: int) -> None:
         for arrival in self.door.read():
             if arrival.query is not None:
                 self._describe(arrival.query)
-        newest = self._fake.newest()
-        for number in range(max(self._last + 1, newest - 10), newest + 1):
-            values = self._fake.sample(number) if self._fake.samples.keeps(number) else None
-            if values is not None:
-                self._send(values, now - (self._fake.world.time - self._fake.taken_at(number)) + self._wall)
-        self._last = newest
+        for number, values in self._due.take():
+            self._send(values, now - (self._fake.world.time - self._fake.taken_at(number)) + self._wall)
 
     def _send(self, values: Any, stamp: int) -> None:
         at = 0

@@ -18,6 +18,7 @@ import numpy as np
 
 from srl.runtime.contracts.signals import Array
 from srl.sim.parts.actuators.models import ActuatorModel
+from srl.sim.parts.servo_bus.drives import Drives, Row
 
 AMBIENT: Final = 25.0  # degC
 WINDING_LIMIT, STAGE_LIMIT = 100.0, 90.0  # degC, where the drive switches itself off
@@ -28,75 +29,43 @@ _WINDING, _STAGE = (100.0, 400.0), (40.0, 150.0)  # s; K at the peak torque, fin
 _UNBOUNDED: Final = 1e9  # N m
 _BRAKE_SPEED: Final = 0.05  # rad/s, from which on a brake current gives its whole torque
 
-_ROWS: Final = (
-    "torque",  # 0 or 1: the power stage
-    "powered",  # 0 or 1: the supply; without it the drive is silent
-    "kp",  # N m/rad
-    "kd",  # N m s/rad
-    "ki",  # N m/rad: of the integral of the velocity's error
-    "goal",  # rad, in the drive's own angle
-    "speed",  # rad/s
-    "feedforward",  # N m
-    "brake",  # N m against the motion, whichever way it goes
-    "cap",  # N m, the drive's limit
-    "integral",  # N m
-    "timeout",  # s of silence after which `expiry` follows; 0: never
-    "expiry",  # NOTHING, OFF or SLACK
-    "age",  # s since the last sign of life, while the power stage is on
-    "stored",  # rad, the shaft's true angle at the zero that outlasts a power-off
-    "zero",  # rad, the shaft's true angle at which the drive now reads 0
-    "current",  # A
-    "temperature",  # degC, of the winding
-    "stage",  # degC, of the power stage
-    "errors",  # bits
-)
 
-
-class ActuatorMotors:
-    """All actuators of a chain; each row of the state is an attribute, (n,) float64.
+class ActuatorMotors(Drives):
+    """All actuators of a chain; see `Drives`.
 
     Attributes:
-        n: number of actuators.
-        voltage: V, of the supply.
         models: of each.
-        inertia: (n,) kg m^2, of the rotors at the output shafts.
-        friction: (n,) N m, dry.
-        position, velocity: (n,) rad, rad/s: the shafts' true motion, as last measured.
     """
 
-    torque: Array
-    powered: Array
-    kp: Array
-    kd: Array
-    ki: Array
-    goal: Array
-    speed: Array
-    feedforward: Array
-    brake: Array
-    cap: Array
-    integral: Array
-    timeout: Array
-    expiry: Array
-    age: Array
-    stored: Array
-    zero: Array
-    current: Array
-    temperature: Array
-    stage: Array
-    errors: Array
+    torque: Row  # 0 or 1: the power stage
+    powered: Row  # 0 or 1: the supply; without it the drive is silent
+    kp: Row  # N m/rad
+    kd: Row  # N m s/rad
+    ki: Row  # N m/rad: of the integral of the velocity's error
+    goal: Row  # rad, in the drive's own angle
+    speed: Row  # rad/s
+    feedforward: Row  # N m
+    brake: Row  # N m against the motion, whichever way it goes
+    cap: Row  # N m, the drive's limit
+    integral: Row  # N m
+    timeout: Row  # s of silence after which `expiry` follows; 0: never
+    expiry: Row  # NOTHING, OFF or SLACK
+    age: Row  # s since the last sign of life, while the power stage is on
+    stored: Row  # rad, the shaft's true angle at the zero that outlasts a power-off
+    zero: Row  # rad, the shaft's true angle at which the drive now reads 0
+    current: Row  # A
+    temperature: Row  # degC, of the winding
+    stage: Row  # degC, of the power stage
+    errors: Row  # bits
 
     def __init__(self, models: Sequence[ActuatorModel], voltage: float, timestep: float) -> None:
-        self.models, self.n, self.voltage = tuple(models), len(models), voltage
-        self._dt = timestep
-        self.state = np.zeros((len(_ROWS), self.n))
-        for row, name in zip(self.state, _ROWS, strict=True):
-            setattr(self, name, row)
+        super().__init__(len(models), voltage, timestep)
+        self.models = tuple(models)
         self.peak_torque = np.array([m.peak_torque for m in models])
         self.torque_constant = np.array([m.torque_constant for m in models])
         self.inertia = np.array([m.inertia for m in models])
         self.friction = _FRICTION * self.peak_torque
         self._no_load = np.array([m.no_load_speed * voltage / m.nominal_voltage for m in models])
-        self.position, self.velocity = np.zeros(self.n), np.zeros(self.n)
         self.temperature[:] = self.stage[:] = AMBIENT
         for i in range(self.n):
             self.power_up(i)
@@ -161,10 +130,6 @@ class ActuatorMotors:
         self.errors[i] = int(self.errors[i]) | bits
         self.torque[i] = 0.0
 
-    def measure(self, position: Array, velocity: Array) -> None:
-        """Takes the shafts' true angles (rad) and speeds (rad/s)."""
-        self.position[:], self.velocity[:] = position, velocity
-
     def step(self) -> Array:
         """Runs all drives once; returns the torques (n,), N m, of which `drag` times speed is still to be taken."""
         self._watch()
@@ -201,16 +166,6 @@ class ActuatorMotors:
         if hot.any():
             for i in map(int, np.flatnonzero(hot)):
                 self.fail(i, int(hot[i]))
-
-    def save(self) -> Array:
-        """The whole state, of fixed size."""
-        return np.concatenate([self.state.ravel(), self.position, self.velocity])
-
-    def restore(self, state: Array) -> None:
-        """Restores a state returned by `save`."""
-        size = self.state.size
-        self.state[...] = state[:size].reshape(self.state.shape)
-        self.position[:], self.velocity[:] = state[size : size + self.n], state[size + self.n :]
 
 
 class IdealMotors(ActuatorMotors):

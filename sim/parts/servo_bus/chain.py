@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar, cast
+from typing import Any, ClassVar, Final, Generic, Self, TypeVar, cast
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -20,6 +20,7 @@ from srl.runtime.models.models import ArmsOption
 from srl.runtime.models.robot_model import WeighedRobot
 from srl.runtime.models.robots import RobotDescription
 from srl.runtime.models.skeleton.arms import Side
+from srl.sim.parts.servo_bus.drives import Drives
 from srl.sim.parts.servo_bus.motors import AMBIENT, NOMINAL
 from srl.sim.world.mjcf import CONTACT, add
 from srl.sim.world.part import Mjcf, Part, PartConfig
@@ -27,30 +28,6 @@ from srl.sim.world.robot_mjcf import add_chain
 
 Vector = tuple[float, float, float]
 _OF_LINKS: Final = frozenset({"axis", "link", "radius", "mass", "lower", "upper"})
-
-
-class Drives(Protocol):
-    """The motors of a chain, at their shafts; each array is (n,). See `Motors`."""
-
-    torque: Array
-    temperature: Array
-    current: Array
-    torque_constant: Array
-    inertia: Array
-    friction: Array
-
-    @property
-    def drag(self) -> Array: ...
-
-    def fold(self, i: int) -> None: ...
-
-    def measure(self, position: Array, velocity: Array) -> None: ...
-
-    def step(self) -> Array: ...
-
-    def save(self) -> Array: ...
-
-    def restore(self, state: Array) -> None: ...
 
 
 D = TypeVar("D", bound=Drives)

@@ -15,6 +15,7 @@ import numpy as np
 
 from srl.drivers.servo_bus.models import CENTRE, COUNTS, PER_COUNT, Nominal
 from srl.runtime.contracts.signals import Array
+from srl.sim.parts.servo_bus.drives import Drives, Row
 
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 SPIN_UP: Final = 0.02  # s
@@ -26,92 +27,49 @@ _HEAT_TIME, _HEAT_RISE = 100.0, 270.0  # s; K at the stall current, final value
 _OVERLOAD, _OVERLOAD_TIME = 0.8, 1.5  # share of the stall current; s
 VOLTAGE_BIT, HEAT_BIT, OVERLOAD_BIT = 1, 4, 32
 
-# Rows of the state: the firmware's values, one column per motor.
-_ROWS: Final = (
-    "torque",  # 0 or 1
-    "mode",
-    "goal_position",  # counts
-    "goal_velocity",  # rad/s
-    "goal_current",  # A
-    "goal_pwm",  # -1 to 1
-    "pwm_cap",  # 0 to 1
-    "current_cap",  # A
-    "kp",  # share of full voltage per count
-    "ki",  # per count and second
-    "kd",  # per count/s
-    "velocity_kp",  # per rad/s
-    "velocity_ki",  # per rad
-    "profile_velocity",  # rad/s, 0: none
-    "profile_acceleration",  # rad/s^2, 0: none
-    "watchdog",  # s left until it stops the motor, 0: off; used by a fake, a twin has its own count
-    "stopped",  # by the bus watchdog
-    "trajectory",  # counts
-    "trajectory_velocity",  # rad/s
-    "integral",
-    "last_error",  # counts
-    "pwm",  # -1 to 1
-    "current",  # A
-    "turns",  # whole turns the servo counts more than its shaft has made
-    "temperature",  # degC
-    "overloaded",  # s
-    "errors",  # hardware error bits
-    "shutdown",  # bits that switch the torque off
-    "temperature_limit",  # degC
-)
 
+class Motors(Drives):
+    """All servos of a chain; see `Drives`. The rows are the firmware's values, which a fake or a twin sets."""
 
-class Motors:
-    """All servos of a chain; each row of the state is an attribute, (n,) float64, that a fake or a twin sets.
-
-    Attributes:
-        n: number of servos.
-        voltage: V.
-        drag: N m s/rad, present drag of each motor at the shaft.
-    """
-
-    torque: Array
-    mode: Array
-    goal_position: Array
-    goal_velocity: Array
-    goal_current: Array
-    goal_pwm: Array
-    pwm_cap: Array
-    current_cap: Array
-    kp: Array
-    ki: Array
-    kd: Array
-    velocity_kp: Array
-    velocity_ki: Array
-    profile_velocity: Array
-    profile_acceleration: Array
-    watchdog: Array
-    stopped: Array
-    trajectory: Array
-    trajectory_velocity: Array
-    integral: Array
-    last_error: Array
-    pwm: Array
-    current: Array
-    turns: Array
-    temperature: Array
-    overloaded: Array
-    errors: Array
-    shutdown: Array
-    temperature_limit: Array
+    torque: Row  # 0 or 1
+    mode: Row
+    goal_position: Row  # counts
+    goal_velocity: Row  # rad/s
+    goal_current: Row  # A
+    goal_pwm: Row  # -1 to 1
+    pwm_cap: Row  # 0 to 1
+    current_cap: Row  # A
+    kp: Row  # share of full voltage per count
+    ki: Row  # per count and second
+    kd: Row  # per count/s
+    velocity_kp: Row  # per rad/s
+    velocity_ki: Row  # per rad
+    profile_velocity: Row  # rad/s, 0: none
+    profile_acceleration: Row  # rad/s^2, 0: none
+    watchdog: Row  # s left until it stops the motor, 0: off; used by a fake, a twin has its own count
+    stopped: Row  # by the bus watchdog
+    trajectory: Row  # counts
+    trajectory_velocity: Row  # rad/s
+    integral: Row
+    last_error: Row  # counts
+    pwm: Row  # -1 to 1
+    current: Row  # A
+    turns: Row  # whole turns the servo counts more than its shaft has made
+    temperature: Row  # degC
+    overloaded: Row  # s
+    errors: Row  # hardware error bits
+    shutdown: Row  # bits that switch the torque off
+    temperature_limit: Row  # degC
 
     def __init__(self, models: Sequence[Nominal], voltage: float, timestep: float) -> None:
-        self.models, self.n, self.voltage = tuple(models), len(models), voltage
-        self._dt = timestep
-        self.state = np.zeros((len(_ROWS), self.n))
-        for row, name in zip(self.state, _ROWS, strict=True):
-            setattr(self, name, row)
+        super().__init__(len(models), voltage, timestep)
+        self.models = tuple(models)
         self.stall_torque = np.array([m.stall_torque for m in models])
         self.stall_current = np.array([m.stall_current for m in models])
         self.torque_constant = self.stall_torque / self.stall_current
         self.inertia = SPIN_UP * self.stall_torque / np.array([m.no_load_speed for m in models])
         self.friction = FRICTION * self.stall_torque
         self._drag = self.stall_torque / np.array([m.no_load_speed for m in models])
-        self.position, self.velocity = np.zeros(self.n), np.zeros(self.n)  # of the shafts, as last measured
         for i in range(self.n):
             self.power_up(i)
             self.temperature[i] = AMBIENT
@@ -142,7 +100,7 @@ class Motors:
 
     @property
     def drag(self) -> Array:
-        """See the class; the motor's own voltage brakes it only while the bridge is closed."""
+        """See `Drives`; the motor's own voltage brakes it only while the bridge is closed."""
         return np.where(self.torque > 0, self._drag, COASTING * self._drag)
 
     def fold(self, i: int) -> None:
@@ -170,10 +128,6 @@ class Motors:
         self.stopped[i] = 1.0
         self.goal_position[i] = self.trajectory[i] = self.counts[i]
         self.goal_velocity[i] = self.goal_current[i] = self.goal_pwm[i] = self.trajectory_velocity[i] = 0.0
-
-    def measure(self, position: Array, velocity: Array) -> None:
-        """Takes the shafts' true angles (rad) and speeds (rad/s)."""
-        self.position[:], self.velocity[:] = position, velocity
 
     def step(self) -> Array:
         """Runs all control loops once; returns the motors' torques (n,), N m.
@@ -245,13 +199,3 @@ class Motors:
         self.errors[i] = int(self.errors[i]) | bits
         if int(self.errors[i]) & int(self.shutdown[i]):
             self.torque[i] = 0.0
-
-    def save(self) -> Array:
-        """The whole state, of fixed size."""
-        return np.concatenate([self.state.ravel(), self.position, self.velocity])
-
-    def restore(self, state: Array) -> None:
-        """Restores a state returned by `save`."""
-        size = self.state.size
-        self.state[...] = state[:size].reshape(self.state.shape)
-        self.position[:], self.velocity[:] = state[size : size + self.n], state[size + self.n :]

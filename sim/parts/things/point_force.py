@@ -29,6 +29,7 @@ class PointForcePart(Part):
         stands: what it does in the world, in words.
     """
 
+    config: PointForceConfig
     option: ClassVar[str]
     stands: ClassVar[str]
 
@@ -50,7 +51,6 @@ class PointForcePart(Part):
     def find_point(self) -> Array:
         """Where the point is now, (3,) m, world axes."""
         config, data, body = self.config, self._data, self._body
-        assert isinstance(config, PointForceConfig)
         mujoco.mj_kinematics(self._model, data)  # after a step, bodies are one step behind the joints
         found: Array = data.xpos[body] + data.xmat[body].reshape(3, 3) @ config.point
         return found

@@ -275,7 +275,7 @@ def test_a_zero_that_somebody_moves_stops_the_motor_before_it_drives_there() -> 
 def test_a_motor_with_another_program_is_a_fault() -> None:
     limb = Limb().open()
     where = limb.hold()
-    link = limb.fake._driver._line.link
+    link = limb.fake.driver._line.link
     link._waiting.append(can.Message(arbitration_id=2, data=protocol.ENABLE, is_extended_id=False))
     limb.run(0.01, where)
     assert "another program commands 'elbow' (id 2)" in limb.fault

@@ -20,7 +20,7 @@ def hung(silence: float, seconds: float, category: Stop, written: bool | None = 
     """
     limb = Limb(AK, "v2", fake={"silence": silence}).open()
     limb.hold()
-    driver = limb.fake._driver
+    driver = limb.fake.driver
     if written is None:
         written = seconds <= driver.frames_good_for(category)
     frames = [motor.held if category is Stop.HOLD else motor.damp for motor in driver._motors]
