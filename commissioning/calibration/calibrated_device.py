@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-from srl.commissioning.calibration.method import F, Method, Say, T, file_of, settings
+from srl.commissioning.calibration.method import F, FittedMethod, Say, T, file_of, settings
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.runtime.contracts import registry
@@ -46,16 +47,8 @@ def device(checked: Profile, source: Source, what: str, chosen: str = "") -> str
     return found[0]
 
 
-class DeviceMethod(Method[T, F]):
-    """How a device is calibrated whose driver says so (`Driver.calibrated`), alone or with a simulated person.
-
-    Its plan has an option `device`.
-
-    Attributes:
-        part: the simulated thing that it measures.
-    """
-
-    part: ClassVar[str]
+class DeviceMethod(FittedMethod[T, F]):
+    """How a device is calibrated whose driver says so (`Driver.calibrated`). Its plan has an option `device`."""
 
     def __init__(self, request: CalibrationRequest, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(request, checked, source, target, say)
@@ -66,13 +59,23 @@ class DeviceMethod(Method[T, F]):
         name = device(checked, source, cls.name, settings(request, cls.groups)["plan"].device)
         return file_of(source, checked.devices[name].options.get(cls.option), f"devices.{name}.{cls.option}")
 
+
+class WornMethod(DeviceMethod[T, F]):
+    """How a device that a person wears is calibrated: it alone is left of the profile, with a simulated person.
+
+    Attributes:
+        part: the simulated part that it measures.
+    """
+
+    part: ClassVar[str]
+
     def subset(self, person: str) -> tuple[Profile, Source]:
         marks = partial(self._marks, person)
         return subset_of_devices(self.checked, self.source, {self._device}, marks, self.request.sim, self._bare)
 
+    @abstractmethod
     def _marks(self, person: str, graph: Graph) -> dict[str, Any]:
         """The entry of the marks' law. Raises WiringError: the device doesn't give what is calibrated."""
-        raise NotImplementedError
 
     def _own_options(self) -> Any:
         """The options of the marks' law, as the profile has them now."""
@@ -98,9 +101,9 @@ class DeviceMethod(Method[T, F]):
         name, part = part_of(sim, self._device, self.part, self.source.place("sim.parts"))
         sim["parts"] = {name: self._instructed(part)}
 
+    @abstractmethod
     def _instructed(self, part: dict[str, Any]) -> dict[str, Any]:
-        """The simulated thing, which does what it is told."""
-        raise NotImplementedError
+        """The options of the simulated part, set so that it follows the calibration's steps."""
 
 
 def part_of(sim: Mapping[str, Any], device: str, kind: str, place: str) -> tuple[str, dict[str, Any]]:

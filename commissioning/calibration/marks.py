@@ -1,4 +1,4 @@
-"""MarkedSamples with the mark of what a person was to do, and the law that marks each row of a calibration."""
+"""Samples with the mark of what a person was to do, and the law that marks each row of a calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IDLE: Final = 0  # the mark of what doesn't count
 
 
 class MarkedSamples:
-    """MarkedSamples of a run in the order of time. Those of a kind are a dataclass; what wasn't measured is NaN.
+    """Samples of a run in the order of time. Those of a kind are a dataclass; what wasn't measured is NaN.
 
     Attributes:
         times: (T,) s.
@@ -35,7 +35,7 @@ S = TypeVar("S", bound=MarkedSamples)
 
 
 def joined(parts: Sequence[S]) -> S:
-    """MarkedSamples one after another; at least one part."""
+    """Samples one after another; at least one part."""
     kind: Any = type(parts[0])
     found: S = kind(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(kind)))
     return found

@@ -149,14 +149,9 @@ class Method(ABC, Generic[T, F]):
     def procedure(self, before: Sequence[Any]) -> Procedure:
         """What leads through it; `before`: samples of an earlier one, of which something is done again."""
 
+    @abstractmethod
     def compute(self, channel_map: T, parts: Sequence[Any], date: datetime.date) -> Result[F]:
         """Computes it from runs, in their order. Raises `error`."""
-        found, refusals = self._fit(channel_map, joined(parts))
-        return Result(channel_map, found, date, refusals)
-
-    def _fit(self, channel_map: T, samples: Any) -> tuple[F, Sequence[SrlError]]:
-        """What is found of all samples, and why it can't be used. Raises `error`."""
-        raise NotImplementedError
 
     def command(self, result: Any, typed: str) -> Result[F] | None:
         """Does what was typed at the end; None: that is no command. Raises RequestError."""
@@ -186,16 +181,31 @@ class Method(ABC, Generic[T, F]):
         """Draws the report. Raises RecordError."""
         self.report.draw(result, png)
 
+    @abstractmethod
     def record(self, result: Any) -> BaseModel:
         """What the file holds. Raises RecordError."""
+
+
+class FittedMethod(Method[T, F]):
+    """A kind that is fitted to the samples of all runs at once."""
+
+    def compute(self, channel_map: T, parts: Sequence[Any], date: datetime.date) -> Result[F]:
+        found, refusals = self._fit(channel_map, joined(parts))
+        return Result(channel_map, found, date, refusals)
+
+    def record(self, result: Any) -> BaseModel:
         common = {"date": result.date, "simulated": result.simulated}
         if self.personal:
             common["person"] = result.person
         return self.record_type.model_validate(common | self._content(result))
 
+    @abstractmethod
+    def _fit(self, channel_map: T, samples: Any) -> tuple[F, Sequence[SrlError]]:
+        """What is found of all samples, and why it can't be used. Raises `error`."""
+
+    @abstractmethod
     def _content(self, result: Any) -> dict[str, Any]:
         """What is the kind's own in `record`."""
-        raise NotImplementedError
 
 
 def settings(

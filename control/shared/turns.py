@@ -12,7 +12,7 @@ _OFF: Final = 0.1  # by which a quaternion's length may be off 1
 
 
 def measured_turn(values: Sequence[float]) -> Quaternion | None:
-    """A measured quaternion w x y z, scaled to length 1; None if it is none: NaN, zeros of who has lost sight."""
+    """A measured quaternion w x y z, scaled to length 1; None if it is none: NaN, or zeros while nothing is tracked."""
     w, x, y, z = values
     size = (w * w + x * x + y * y + z * z) ** 0.5
     if not isfinite(size) or abs(size - 1.0) > _OFF:

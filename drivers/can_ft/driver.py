@@ -206,7 +206,7 @@ class CanFt(Linked[CanLink], Sensor):
                 if not link.read_wait(QUIET):
                     self._parser.reset()
                     return
-        raise self._error("the sensor keeps sending though it was told to stop", _REMEDY)
+        raise self._error("the sensor keeps sending after the command to stop", _REMEDY)
 
     def _identify(self, link: CanLink) -> None:
         config = self.config

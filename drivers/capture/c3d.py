@@ -172,6 +172,6 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
                 problem = f"it has {there} of the {said} frames that its head says"
                 raise RecordingError(str(path), problem, "It was cut short: export or copy it again")
             return found
-    told = ended.stderr.decode(errors="replace").strip().splitlines() if ended is not None else []
-    why = told[-1] if ended is not None and ended.returncode == FAILED and told else "ezc3d can't read it"
+    lines = ended.stderr.decode(errors="replace").strip().splitlines() if ended is not None else []
+    why = lines[-1] if ended is not None and ended.returncode == FAILED and lines else "ezc3d can't read it"
     raise RecordingError(str(path), f"it is damaged or cut short ({why[:200]})", "Export or copy it again")

@@ -179,7 +179,7 @@ class CyberGlove(Linked[Transport], Sensor):
             for _ in remaining(ANSWER):
                 if not link.read_wait(QUIET):
                     return
-        raise self._error("the device keeps sending though it was told to stop", _REMEDY)
+        raise self._error("the device keeps sending after the command to stop", _REMEDY)
 
     def _identify(self, link: Transport) -> None:
         sensors = self._ask(link, query("S"))[0]

@@ -131,7 +131,7 @@ class ServoBus(Linked[Transport]):
     def _end(self, link: Transport) -> None:
         line = self._line
         if self.health.connected and line is not None:
-            if line.pending is not None or line.in_doubt:
+            if line.pending is not None or line.resyncing:
                 link.read_wait(0.03)  # the servos finish their present answers
             if last := self._last():
                 link.write_all(last, 0.2)

@@ -55,7 +55,7 @@ class Line:
         link: the transport.
         parser: counts frames, errors, resyncs.
         pending: the request that isn't answered yet.
-        in_doubt: nothing but pings may be sent.
+        resyncing: a late answer may still come, so nothing but pings may be sent.
         sent: ns, when something was last sent; -1 at first.
         heard: ns, by id, when each servo last answered.
         timeouts: requests that weren't answered in full.
@@ -66,7 +66,7 @@ class Line:
         self.link = link
         self.parser = bus.parser()
         self.pending: Request | None = None
-        self.in_doubt = False
+        self.resyncing = False
         self.sent = -1
         self.heard: dict[int, int] = {}
         self.timeouts = 0
@@ -85,7 +85,7 @@ class Line:
     @property
     def free(self) -> bool:
         """Whether a request may be sent."""
-        return self.pending is None and not self.in_doubt
+        return self.pending is None and not self.resyncing
 
     def send(self, request: Request, now: int, command: bytes = b"") -> bool:
         """Sends `command` (unacknowledged packets) and the request in one piece; call it only while `free`.
@@ -116,7 +116,7 @@ class Line:
         if data:
             for status in self.parser.statuses(data):
                 self._take(status, now)
-        if self.in_doubt:
+        if self.resyncing:
             if now >= self._next_ping:
                 self._ping(now)
             return None
@@ -128,7 +128,7 @@ class Line:
             self.unsent = 0
         else:
             self.timeouts += 1
-            self.in_doubt = True
+            self.resyncing = True
             self._pinged.clear()
             self._ping(now)
         return request
@@ -138,10 +138,10 @@ class Line:
         return {id for id, at in self.heard.items() if at < since}
 
     def _take(self, status: Status, now: int) -> None:
-        if self.in_doubt:
+        if self.resyncing:
             if status.id in self._pinged and len(status.data) == self._wire.PING_SIZE:
                 self.heard[status.id] = now
-                self.in_doubt = False
+                self.resyncing = False
                 self.unsent = 0
             return
         request = self.pending

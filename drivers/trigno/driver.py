@@ -129,7 +129,7 @@ class Trigno(Addressed, Sensor):
             self._heard_at = now
         if not data:
             if now - self._heard_at > GONE:
-                raise self._lost(f"no samples for {GONE / 1e9:g} s", "It is connected anew, and told to start")
+                raise self._lost(f"no samples for {GONE / 1e9:g} s", "It is connected and started anew")
             return
         errors = self._parser.errors
         samples = self._parser.feed(data)[:, self._columns]

@@ -31,7 +31,7 @@ def offered(line: str, tmp_path: Path) -> set[str]:
 @pytest.mark.slow
 def test_commands_and_their_options_are_offered(tmp_path: Path) -> None:
     assert offered("srl re", tmp_path) == {"recordings", "replay", "reset"}
-    assert offered("srl run sixth-finger --f", tmp_path) == {"--fast", "--figure"}
+    assert offered("srl run sixth-finger --f", tmp_path) == {"--fast", "--figure", "--foxglove"}
 
 
 def test_a_profile_is_offered_by_its_name_and_as_a_file(tmp_path: Path) -> None:

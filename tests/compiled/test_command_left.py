@@ -57,4 +57,4 @@ def test_what_left_is_the_same(taken: list[tuple[list[float] | None, ...]]) -> N
             made._take_sent()
         for of_c, of_python in zip(both[0][1] + both[0][2], both[1][1] + both[1][2], strict=True):
             assert of_c.tobytes() == of_python.tobytes()
-        assert both[0][0].words.tolist() == both[1][0].words.tolist()
+        assert both[0][0].header.tolist() == both[1][0].header.tolist()

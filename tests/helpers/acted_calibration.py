@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -27,7 +28,7 @@ class Acted(RowSource):
     Attributes:
         method: how it is calibrated.
         rows: all so far.
-        step: the last that was begun.
+        step: the newest.
         period: ns, of the rows.
         look: rows that come together.
     """
@@ -59,7 +60,7 @@ class Acted(RowSource):
     def begin(self, procedure: Any) -> None:
         self.graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
         self.step = procedure.step
-        self.told(procedure.step, procedure.instruction())
+        self.instruct(procedure.step, procedure.instruction())
 
     def close(self) -> None:
         self.closed = True
@@ -69,13 +70,13 @@ class Acted(RowSource):
         """s."""
         return self._t * self.period * 1e-9
 
-    def told(self, step: Any, instruction: Any) -> None:
+    @abstractmethod
+    def instruct(self, step: Any, instruction: Any) -> None:
         """A step begins, with its instruction."""
-        raise NotImplementedError
 
+    @abstractmethod
     def fill(self, row: Any) -> None:
         """Fills the graph's row: what is measured, and the links."""
-        raise NotImplementedError
 
     def _next(self) -> Any:
         self._t += 1

@@ -68,7 +68,7 @@ class Electrodes(Acted):
         self._state = np.zeros((len(self._sections), 2, 2))
         self._goal, self._active = np.zeros(2), np.zeros(2)
 
-    def told(self, step: Any, instruction: Any) -> None:
+    def instruct(self, step: Any, instruction: Any) -> None:
         self._goal = np.array([self.tone.get(name, 0.002) for name in NAMES])
         if isinstance(instruction, Contract):
             name = self.contracts.get(instruction.muscle, instruction.muscle)

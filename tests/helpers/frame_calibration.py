@@ -81,7 +81,7 @@ class Leader(Acted):
         self._from = self._to = np.array([0.5, 0.0, 0.4, 0.0, 0.0, 0.0])
         self._since = self.turning = 0.0
 
-    def told(self, step: Any, instruction: Any) -> None:
+    def instruct(self, step: Any, instruction: Any) -> None:
         self._number = step.number
         if isinstance(instruction, Lead):
             self.led += 1

@@ -48,7 +48,7 @@ class Turner(Acted):
         self._from = self._to = Rotation.identity()
         self._since = 0.0
 
-    def told(self, step: Any, instruction: Any) -> None:
+    def instruct(self, step: Any, instruction: Any) -> None:
         self._pose = step.number
         if isinstance(instruction, Turn) and self._pose not in self.stays:
             self.turned += 1

@@ -60,7 +60,7 @@ class Gloved(Acted):
         self._from = self._to = np.zeros(22)
         self._since = -9.0
 
-    def told(self, step: Any, instruction: Any) -> None:
+    def instruct(self, step: Any, instruction: Any) -> None:
         self._shape = step.number
         if isinstance(instruction, Shape) and self._shape not in self.stays:
             self.shaped += 1

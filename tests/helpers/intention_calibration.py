@@ -62,7 +62,7 @@ class Pretender(Acted):
         self._noise = np.random.default_rng(number)
         self._hidden = False
 
-    def told(self, step: Any, instruction: Any) -> None:
+    def instruct(self, step: Any, instruction: Any) -> None:
         name = instruction.action if isinstance(instruction, Perform) else ""
         self._hidden = name in self.person.hidden
         self._body.instruct(self._t / 20.0, Rest() if name in self.person.lazy else instruction)

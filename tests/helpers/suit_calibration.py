@@ -62,7 +62,7 @@ class Suited(Acted):
         self._walks, self._yaw = False, 0.0
         self._off = np.zeros(len(BODY.names))
 
-    def told(self, step: Any, instruction: Any) -> None:
+    def instruct(self, step: Any, instruction: Any) -> None:
         if isinstance(instruction, Walk | Return):
             self._walks = isinstance(instruction, Walk)
         if step.kind is Kind.GO:

@@ -17,7 +17,7 @@ from srl.commissioning.calibration.emg.procedure import Procedure
 from srl.commissioning.calibration.emg.report import Result
 from srl.commissioning.calibration.emg.samples import EmgMarksConfig, Plan, Samples, parts
 from srl.commissioning.calibration.marks import Indices, joined
-from srl.commissioning.calibration.method import Method, Say
+from srl.commissioning.calibration.method import FittedMethod, Say
 from srl.commissioning.calibration.profile_subset import find, subset_for
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.run_channels import RunChannels, marks_law, words
@@ -55,7 +55,7 @@ class ChannelMap(RunChannels):
         return Samples(times, blocks, floats[:, self.count[0]], marks)
 
 
-class EmgMethod(Method[ChannelMap, Mvc]):
+class EmgMethod(FittedMethod[ChannelMap, Mvc]):
     """See the module's docstring."""
 
     name, law, record_type, error, channels = "emg", LAW, EmgRecord, EmgError, ChannelMap

@@ -17,7 +17,7 @@ from srl.commissioning.calibration.frames.procedure import Procedure
 from srl.commissioning.calibration.frames.report import Result
 from srl.commissioning.calibration.frames.samples import FrameMarksConfig, Plan, Samples, held, pairs
 from srl.commissioning.calibration.marks import Indices, joined
-from srl.commissioning.calibration.method import Method, Say, file_of
+from srl.commissioning.calibration.method import FittedMethod, Say, file_of
 from srl.commissioning.calibration.pose_signals import pose_signals
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
@@ -63,7 +63,7 @@ class ChannelMap(RunChannels):
         return Samples(times, _seen(floats[:, self.parent]), own, marks)
 
 
-class FrameMethod(Method[ChannelMap, Mount]):
+class FrameMethod(FittedMethod[ChannelMap, Mount]):
     """See the module's docstring."""
 
     name, record_type, error, channels = "frames", FrameRecord, MountError, ChannelMap

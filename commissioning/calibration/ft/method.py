@@ -17,7 +17,7 @@ from srl.commissioning.calibration.ft.report import Result
 from srl.commissioning.calibration.ft.samples import FtMarksConfig, Plan, Samples, poses
 from srl.commissioning.calibration.in_hand import take_in_hand
 from srl.commissioning.calibration.marks import Indices, joined
-from srl.commissioning.calibration.method import Method, Say
+from srl.commissioning.calibration.method import FittedMethod, Say
 from srl.commissioning.calibration.profile_subset import elements, find, subset_for
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.run_channels import RunChannels, words
@@ -49,7 +49,7 @@ class ChannelMap(RunChannels):
         return Samples(times, floats[:, self.wrench], marks)
 
 
-class FtMethod(Method[ChannelMap, Load]):
+class FtMethod(FittedMethod[ChannelMap, Load]):
     """See the module's docstring."""
 
     name, law, record_type, error, channels = "ft", LAW, FtRecord, FtError, ChannelMap

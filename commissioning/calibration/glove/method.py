@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Final
 
-from srl.commissioning.calibration.calibrated_device import DeviceMethod
+from srl.commissioning.calibration.calibrated_device import WornMethod
 from srl.commissioning.calibration.glove import report as glove_report
 from srl.commissioning.calibration.glove.fit import Glove, GloveError, Thresholds, fit, refusals
 from srl.commissioning.calibration.glove.procedure import Procedure
@@ -45,7 +45,7 @@ class ChannelMap(RunChannels):
         return Samples(times, floats[:, self.raw], marks)
 
 
-class GloveMethod(DeviceMethod[ChannelMap, Glove]):
+class GloveMethod(WornMethod[ChannelMap, Glove]):
     """See the module's docstring."""
 
     name, record_type, error, channels = "glove", GloveRecord, GloveError, ChannelMap

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar
 
-from srl.commissioning.calibration.calibrated_device import DeviceMethod
+from srl.commissioning.calibration.calibrated_device import WornMethod
 from srl.commissioning.calibration.marks import Indices
 from srl.commissioning.calibration.method import Say
 from srl.commissioning.calibration.request import CalibrationRequest
@@ -43,7 +43,7 @@ class ChannelMap(RunChannels):
         return Samples(times, floats[:, self.rotation].reshape(len(floats), -1, 4), marks)
 
 
-class SuitMethod(DeviceMethod[ChannelMap, Suit]):
+class SuitMethod(WornMethod[ChannelMap, Suit]):
     """See the module's docstring."""
 
     name, record_type, error, channels = "suit", SuitRecord, SuitError, ChannelMap

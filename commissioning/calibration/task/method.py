@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from srl.commissioning.calibration.marks import Indices, stretch_of
-from srl.commissioning.calibration.method import Method
+from srl.commissioning.calibration.method import FittedMethod
 from srl.commissioning.calibration.picture import plt, save
 from srl.commissioning.calibration.profile_subset import elements, subset_for
 from srl.commissioning.calibration.result import Result
@@ -55,7 +55,7 @@ class Shown:
     hand: Array
 
 
-class TaskMethod(Method[ChannelMap, Shown]):
+class TaskMethod(FittedMethod[ChannelMap, Shown]):
     """See the module's docstring."""
 
     law, option, record_type, error, channels = LAW, "task", TaskRecord, TaskError, ChannelMap
