@@ -18,7 +18,26 @@ sum_i R_i |dq_i| bounds the travel of each of its points (R_i: of a point of thi
     d(q, s) >= max(g_j(s) - t, g_j+1(s) - (L - t)) >= (g_j(s) + g_j+1(s) - L) / 2                                    (2)
 
 g falls with s, so s = u_j+1 covers the whole piece. What is left over beyond C + Z is the margin of the piece; the
-motion is clear if no pair has a negative one on any piece. After the last sample the limb rests.
+motion is clear if no pair has a negative one on any piece. After the last sample the limb rests. In Z_r is what the
+limb may be beside its commands, sum_i R_i sigma_i.
+
+R_i is the farthest that any posture reaches. The posture's own levers are less. Let the limb's shape be the hull of
+balls round its ends x_f (a link has two), J_f their Jacobian at q_j, h_jf the height of x_f over the limb's nearest
+point along n_j, and c_jfi = n_j . J_fi. A limb that is off by delta from q_j lies beyond a plane lower by at most
+
+    - min_f (h_jf + sum_i c_jfi delta_i) + rho(|delta|),    rho(u) = 1/2 sum_ik W_ik u_i u_k                         (3)
+
+with W_ik >= |d^2 x_f / dq_i dq_k| in every posture. For i <= k along the chain that is |e_i x (e_k x (x_f - p_k))|,
+at most R_k, where both turn, at most 1 where k slides, and 0 where i slides. On a piece delta_i is between 0 and dq_i
+(seen from q_j+1: between -dq_i and 0), and sigma_i to either side. Of the travel then counts, joint by joint, what the
+greater of the two levers takes, and of sigma what it takes at each of both samples, in the mean:
+
+    L' = sum_i max(a_i, b_i),  a_i = max_f max(0, -c_jfi dq_i),  b_i = max_f max(0, c_j+1,fi dq_i)
+    Z_r' = 1/2 sum_(j, j+1) - min_f (h_f - sum_i |c_fi| sigma_i) + rho(|dq| + sigma)
+
+In rho the posture's own |J_fk| do in place of R_k, with a third order, (sum_l u_l) sum_ik R_k u_i u_k / 6.
+
+Both (2) with R and (2) with L' and Z_r' hold, so the greater margin counts.
 
 Sources: ISO/TS 15066:2016, 5.5.4 (S_h + S_r + S_s + C + Z_d + Z_r); Marvel and Norcross, Implementing speed and
 separation monitoring in collaborative robot workcells, Robotics and Computer-Integrated Manufacturing 44 (2017).
@@ -28,9 +47,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from srl.runtime.contracts.signals import Array
 
@@ -58,6 +77,13 @@ def travels(path: Array, reach: Array) -> Array:
     return travelled
 
 
+def gaps(height: Array, speed: Array, until: Array, age: float | Array, needed: Separation) -> tuple[Array, Array]:
+    """g_j and g_j+1 of equation (1) at u_j+1, for each piece, (m - 1, k) m each. Arguments as `margins`."""
+    t = (until[1:, None] + age)[..., None]
+    fallen = (0.5 * needed.acceleration) * (t * t)
+    return _lesser(height[:-1] - speed[:-1] * t - fallen), _lesser(height[1:] - speed[1:] * t - fallen)
+
+
 def margins(
     height: Array, speed: Array, travel: Array, until: Array, age: float | Array, slack: Array, needed: Separation
 ) -> Array:
@@ -66,17 +92,45 @@ def margins(
     Args:
         height: H_je, (m, k, e) m.
         speed: w_je, (m, k, e) m/s.
-        travel: L, (m - 1, k) m.
+        travel: L or L', (m - 1, k) m.
         until: u_j, (m,) s.
         age: a, s; one number, or (k,) one for each pair.
-        slack: Z_r, (k,) m: by which the limb's shape may be beside its commanded place.
+        slack: Z_r, (k,) m, or Z_r', (m - 1, k): by which the limb's shape may be beside its commanded place.
         needed: C, Z_d and a_e.
     """
-    t = (until[1:, None] + age)[..., None]
-    fallen = (0.5 * needed.acceleration) * (t * t)
-    before = _lesser(height[:-1] - speed[:-1] * t - fallen)
-    after = _lesser(height[1:] - speed[1:] * t - fallen)
+    before, after = gaps(height, speed, until, age, needed)
     return 0.5 * (before + after - travel) - (needed.least + needed.uncertainty + slack)
+
+
+class Lowered(NamedTuple):
+    """What equation (3) says of each piece and pair, (m - 1, k) m each.
+
+    Attributes:
+        travel: L'.
+        slack: Z_r'.
+        most: by how much lower than the plane of q_j the limb may be anywhere on the piece.
+    """
+
+    travel: Array
+    slack: Array
+    most: Array
+
+
+def by_levers(lever: Array, above: Array, path: Array, slack: Array, rho: Array) -> Lowered:
+    """L' and Z_r' of equation (3).
+
+    Args:
+        lever: c_jfi, (m, k, f, n) m for each rad or m.
+        above: h_jf, (m, k, f) m.
+        path: q_j, (m, n) rad or m.
+        slack: sigma, (n,) rad or m.
+        rho: of each piece, (m - 1, k) m, of |dq| + sigma.
+    """
+    way = (path[1:] - path[:-1])[:, None, None]
+    a = np.maximum(-_lesser((lever[:-1] * way).swapaxes(2, 3)), 0.0)
+    b = np.maximum(_greater((lever[1:] * way).swapaxes(2, 3)), 0.0)
+    low = _lesser(above - np.abs(lever) @ slack)
+    return Lowered(np.maximum(a, b).sum(axis=-1), rho - 0.5 * (low[:-1] + low[1:]), a.sum(axis=-1) + rho - low[:-1])
 
 
 def reserve(
@@ -106,13 +160,22 @@ def _lesser(ends: Array) -> Array:
     return reduce(np.minimum, [ends[..., e] for e in range(ends.shape[-1])])
 
 
-def is_clear(margin: Array, distance: Array, crawl: NDArray[np.bool_]) -> bool:
+def _greater(ends: Array) -> Array:
+    return reduce(np.maximum, [ends[..., e] for e in range(ends.shape[-1])])
+
+
+def is_clear(margin: Array, distance: Array, closing: Array, creep: float) -> bool:
     """Whether a motion may be carried out.
+
+    A pair that is too near lets the limb go on only if it leaves: its distance doesn't shrink, were the other at rest,
+    and the limb's own motion doesn't close it at over `creep`, wherever the other may be.
 
     Args:
         margin: (m - 1, k), of `margins`.
         distance: (m, k) m.
-        crawl: (k,) whether the limb's shape is so slow that it may leave what is too near.
+        closing: (k,) m/s: by which the limb's motion alone may close the distance, whatever the other does
+            (`srl.control.shared.leaving`).
+        creep: m/s.
     """
     least = margin.min(axis=0)
     if np.isnan(least).any():
@@ -120,7 +183,7 @@ def is_clear(margin: Array, distance: Array, crawl: NDArray[np.bool_]) -> bool:
     near = least < 0.0
     if not near.any():
         return True
-    if not crawl[near].all():
+    if not (closing[near] <= creep).all():
         return False
     left = distance[:, near]
     return bool((left[1:] - left[:-1] >= -STEADY).all())

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from srl.control.shared.approach import Separation, is_clear, margins, reserve, travels
+from srl.control.shared.approach import Separation, is_clear, margins, reserve
 from srl.control.skeleton.body_motion import BodyMotion
-from srl.control.skeleton.capsules import nearest
-from srl.control.skeleton.envelope import link_nodes, reaches
+from srl.control.skeleton.capsules import Nearest, nearest
+from srl.control.skeleton.envelope import reaches
 from srl.control.skeleton.joint_age import JointAge
+from srl.control.skeleton.levers import Way
 from srl.control.skeleton.options import EnvelopeOptions
 from srl.control.skeleton.other_arm import Limb, OtherArm
 from srl.runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
@@ -27,10 +28,12 @@ class Seen(NamedTuple):
     """What is seen of k pairs in m samples.
 
     Attributes:
+        found: the nearest points of their axes.
         distance: (m, k) m, of the capsules.
         height, speed: (m, k, 2), H_je and w_je of `srl.control.shared.approach`.
     """
 
+    found: Nearest
     distance: Array
     height: Array
     speed: Array
@@ -107,6 +110,7 @@ class BodyClearance(Clearance):
         # As each segment was seen last with all its joints: ends (m), their velocity (m/s), the window (s), when (ns).
         s = len(envelope.segments)
         self._ends, self._velocity, self._window = np.zeros((s, 2, 3)), np.zeros((s, 2, 3)), np.full(s, np.inf)
+        self._pace = np.zeros((s, 2))  # m/s, of the ends
         self._seen_at = np.full(s, NEVER, np.int64)
         self._compared = np.unique(self._segments)
         self._last = b""
@@ -178,47 +182,81 @@ class BodyClearance(Clearance):
             fresh = joints.fresh
             self._ends[fresh], self._velocity[fresh] = motion.ends[fresh], motion.velocity[fresh]
             self._window[fresh] = motion.window
+            self._pace[fresh] = np.linalg.norm(motion.velocity[fresh], axis=-1)
             # A point's velocity is within this of its mean.
             self._swing[:] = self._a_e.T * (self._window[self._segments] / 2)
             self._seen_at = np.where(fresh, stamp, np.minimum(self._seen_at, joints.oldest))
 
     def clear(self, motion: Braking) -> bool:
         self._problem = ""
-        path = motion.path.take(self._order, axis=1)
-        nodes = link_nodes(self._arms, self.options.arm, path)
-        crawl = motion.velocity.take(self._order) @ self._by_link <= self.creep  # by link
-        slack = motion.slack.take(self._order) @ self._by_link
-        travel = travels(path, self._by_link)
-        links = self._links
-        clear = self._clear_of_body(motion, nodes, travel.take(links, axis=1), slack.take(links), crawl.take(links))
+        way = self.way(motion)
+        clear = self._clear_of_body(way)
         for other in self._others:
-            clear &= self._clear_of(other, nodes, travel, slack, crawl)
+            clear &= self._clear_of(other, way)
         return clear
 
-    def _clear_of_body(
-        self, motion: Braking, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]
-    ) -> bool:
+    def way(self, motion: Braking) -> Way:
+        """The motion of this arm, link by link."""
+        return Way(self._arms, self.options.arm, self._order, self._by_link, motion)
+
+    def _clear_of_body(self, way: Way) -> bool:
         # Most pairs are so far apart that the whole way wouldn't do, judged from where the limb is now.
-        first = self._started(nodes[:1])
-        bound = reserve(
-            first.height[0], first.speed[0], travel, float(motion.until[-1]), self._ages, slack, self._needed
-        )
+        first, needed, links = self._started(way.nodes[:1]), self._needed, self._links
+        travel, slack = way.travel.take(links, axis=1), way.slack.take(links)
+        bound = reserve(first.height[0], first.speed[0], travel, float(way.until[-1]), self._ages, slack, needed)
         near = np.flatnonzero(~(bound >= 0.0))  # what isn't a number isn't clear
         clear = True
         if near.size:
-            seen = self._seen(nodes, near)
-            needed = Separation(self._a_e.take(near, axis=0), self._needed.least, self._needed.uncertainty)
-            travel, age, slack = travel.take(near, axis=1), self._ages.take(near), slack.take(near)
-            margin = margins(seen.height, seen.speed, travel, motion.until, age, slack, needed)
+            seen = self._seen(way.nodes, near)
+            needed = Separation(self._a_e.take(near, axis=0), needed.least, needed.uncertainty)
+            age, travel, slack = self._ages.take(near), travel.take(near, axis=1), slack.take(near)
+            margin = margins(seen.height, seen.speed, travel, way.until, age, slack, needed)
+            close = np.flatnonzero(~(margin >= 0.0).all(axis=0))  # a closer look costs more
+            limit = np.zeros(near.size)
+            if close.size:
+                margin[:, close], limit[close] = self._close(way, seen, near, close, margin[:, close])
             bound[near] = margin.min(axis=0)  # of the others it stays a bound
-            clear = is_clear(margin, seen.distance, crawl.take(near))
+            clear = is_clear(margin, seen.distance, limit, self.creep)
         worst = int(bound.argmin())
         self.margin, self._distance = float(bound[worst]), float(first.distance[0, worst])
         self._worst = self._envelope.pairs[worst].name
         return clear
 
-    def _clear_of(self, other: OtherArm, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]) -> bool:
-        judged = other.judge(nodes, travel, slack)
+    def _close(
+        self, way: Way, seen: Seen, near: NDArray[np.intp], close: NDArray[np.intp], margin: Array
+    ) -> tuple[Array, Array]:
+        """Margins by the posture's own levers, (m - 1, k), and by how much the motion may close, (k,) m/s.
+
+        Args:
+            way: the motion.
+            seen: of the pairs `near`, in all samples.
+            close: which of these are meant.
+            margin: theirs, by the farthest reach.
+        """
+        pairs = near.take(close)
+        found = Nearest(*(each.take(close, axis=-1) for each in seen.found))
+        height, speed = seen.height.take(close, axis=1), seen.speed.take(close, axis=1)
+        links, age, a_e = self._links.take(pairs), self._ages.take(pairs), self._a_e.take(pairs, axis=0)
+        needed = Separation(a_e, self._needed.least, self._needed.uncertainty)
+        levers = way.levers(found, links)
+        by_levers, gap = way.close(levers, height, speed, links, age, needed)
+        margin = np.maximum(margin, by_levers)
+        limit = np.zeros(len(pairs))
+        left = np.flatnonzero(~(margin >= 0.0).all(axis=0))
+        if left.size:
+            pairs = pairs.take(left)
+            t = way.until[1:, None] + age.take(left)
+            ends = self._pace.take(self._segments.take(pairs), axis=0) + self._swing.take(pairs, axis=1).T
+            moved = ends * t[..., None] + 0.5 * a_e.take(left, axis=0) * (t * t)[..., None]
+            radii = self._radii.take(pairs)
+            limit[left] = way.closing(
+                levers.take(left), links.take(left), gap.take(left, axis=1) + radii, found.distance.take(left, axis=1),
+                moved.max(axis=-1) + self.options.uncertainty, radii + self.options.least,
+            )  # fmt: skip
+        return margin, limit
+
+    def _clear_of(self, other: OtherArm, way: Way) -> bool:
+        judged = other.judge(way)
         if judged is None:
             self.margin, self._problem = float("nan"), "nobody knows where the other arm is"
             return False
@@ -227,7 +265,7 @@ class BodyClearance(Clearance):
         if not least[worst] >= self.margin:
             self.margin, self._distance = float(least[worst]), float(judged.distance[0, worst])
             self._worst = other.name(worst)
-        return is_clear(judged.margin, judged.distance, crawl[judged.own])
+        return is_clear(judged.margin, judged.distance, judged.closing, self.creep)
 
     def _started(self, nodes: Array) -> Seen:
         """All pairs where the limb is now. What the guard tries within a cycle all begins there."""
@@ -248,7 +286,7 @@ class BodyClearance(Clearance):
         velocity = self._velocity.transpose(1, 2, 0).take(segments, axis=2)[:, :, None]
         speed = np.maximum(np.add.reduce(velocity * found.normal, axis=1), 0.0)
         speed += self._swing.take(pairs, axis=1)[:, None]
-        return Seen(distance, height.transpose(1, 2, 0), speed.transpose(1, 2, 0))
+        return Seen(found, distance, height.transpose(1, 2, 0), speed.transpose(1, 2, 0))
 
     def why(self) -> str:
         if self._problem:

@@ -188,6 +188,7 @@ class _Chain:
         offsets, axes = arms.offsets(side), arms.axes(side)
         slides = np.array([[joint.slides] for joint in arms.joints])
         self.base, self.first, self.steps = offsets[0], offsets[1], offsets[2:, None]
+        self.axes = axes[..., None]
         self.strokes = np.where(slides, axes, 0.0)[:, None]
         # About an axis e: R = e e^T + cos (1 - e e^T) + sin [e]x (Rodrigues). What slides doesn't turn.
         along, across = axes[:, :, None] * axes[:, None], np.cross(axes[:, None], np.eye(3)).transpose(0, 2, 1)
@@ -200,15 +201,15 @@ def _chain(arms: Arms, side: Side) -> _Chain:
     return _Chain(arms, side)
 
 
-def link_nodes(arms: Arms, side: Side, path: Array) -> Array:
-    """The nodes of one arm, Base to End, for many configurations at once.
+def posture(arms: Arms, side: Side, path: Array) -> tuple[Array, Array]:
+    """The nodes of one arm, Base to End, and the axes of its joints, for many configurations at once.
 
     Args:
         arms, side: the arm.
         path: (m, n) rad or m.
 
     Returns:
-        (m, n + 2, 3) m in the frame of the arms' parent.
+        (m, n + 2, 3) m and (m, n, 3), in the frame of the arms' parent. Joint i sits at node i + 1.
     """
     chain, m, n = _chain(arms, side), len(path), arms.n
     q = path.T
@@ -222,7 +223,30 @@ def link_nodes(arms: Arms, side: Side, path: Array) -> Array:
     made[0], made[1] = chain.base, chain.first
     np.matmul(R, (chain.steps + q[..., None] * chain.strokes)[..., None], out=made[2:, ..., None])
     nodes: Array = np.add.accumulate(made, axis=0).transpose(1, 0, 2)
-    return nodes
+    axes: Array = (R @ chain.axes[:, None])[..., 0].transpose(1, 0, 2)
+    return nodes, axes
+
+
+def link_nodes(arms: Arms, side: Side, path: Array) -> Array:
+    """(m, n + 2, 3) m, the nodes of `posture`."""
+    return posture(arms, side, path)[0]
+
+
+def jacobian(arms: Arms, nodes: Array, axes: Array) -> Array:
+    """By how much each joint moves each node, (3, m, n + 2, n) m for each rad or m. Arguments: of `posture`."""
+    m, count = nodes.shape[:2]
+    n = count - 2
+    a = axes.transpose(2, 0, 1)[:, :, None]
+    r = (nodes[:, :, None] - nodes[:, None, 1:-1]).transpose(3, 0, 1, 2)
+    found = np.empty((3, m, count, n))
+    for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.subtract(a[y] * r[z], a[z] * r[y], out=found[x])
+    slides = np.array([joint.slides for joint in arms.joints])
+    if slides.any():
+        found[..., slides] = a[..., slides]
+    # Joint i moves what lies beyond its own node, and what slides the next one.
+    found *= np.arange(count)[:, None] >= np.arange(n) + 2
+    return found
 
 
 def reaches(arms: Arms, side: Side, lower: Array, upper: Array) -> Array:

@@ -8,7 +8,8 @@ any two places that they may be in at once, the one that was allowed later was c
 
 Let m be the middle of the extent and h half of its size. No point of link j is farther than r_j = sum_i R_ij h_i from
 where it is at m (R as in `srl.control.skeleton.envelope.reaches`), so the link at m, thicker by r_j, holds
-all of it.
+all of it. A link of this arm that is too near may leave it as it may leave a body that moves by r_j
+(`srl.control.shared.leaving`). Of two arms that both leave, neither closes the distance by its own motion.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.control.skeleton.capsules import nearest
+from srl.control.shared.approach import Separation
+from srl.control.skeleton.capsules import Nearest, nearest
 from srl.control.skeleton.envelope import link_nodes
+from srl.control.skeleton.levers import Way
 from srl.runtime.contracts.clearance import Clearance
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.skeleton.arms import Arms, Side
@@ -54,12 +57,12 @@ class Judged(NamedTuple):
     Attributes:
         margin: (m - 1, k) m, as `srl.control.shared.approach.margins`; of one piece where a quick look was enough.
         distance: (m, k) m, from the middle of the other arm's extent.
-        own: (k,) index of the own link.
+        closing: (k,) m/s, by which the own motion may close it at most; where the margin is negative.
     """
 
     margin: Array
     distance: Array
-    own: NDArray[np.intp]
+    closing: Array
 
 
 class OtherArm:
@@ -77,7 +80,8 @@ class OtherArm:
         self._mine = np.repeat(np.arange(1, n), m)  # no joint moves the link at the base
         self._its = np.tile(np.arange(m), n - 1)
         self._radii = own.radius + other.radius
-        self._needed = least + own.uncertainty + other.uncertainty
+        self._least, self._beside_base = least, own.uncertainty + other.uncertainty
+        self._needed = least + self._beside_base
         self._seen: tuple[Array, Array] | None = None
         self._nodes, self._spread = np.zeros((m + 1, 3)), np.zeros(m)
 
@@ -93,14 +97,8 @@ class OtherArm:
         """What the pair is called."""
         return f"{self._own.links[self._mine[pair]]}/{self._other.links[self._its[pair]]}"
 
-    def judge(self, nodes: Array, travel: Array, slack: Array) -> Judged | None:
-        """Judges a motion; None if nobody knows where the other arm is.
-
-        Args:
-            nodes: (m, n + 2, 3) m, of the own arm, in samples.
-            travel: (m - 1, n + 1) m, by link, between samples.
-            slack: (n + 1,) m, by link.
-        """
+    def judge(self, way: Way) -> Judged | None:
+        """Judges a motion of the own arm; None if nobody knows where the other arm is."""
         extent = self._clearance.extent
         if extent is None:
             return None
@@ -109,16 +107,35 @@ class OtherArm:
             low, high = (each[self._other.order] for each in extent)
             self._nodes = link_nodes(self._other.arms, self._other.side, (low + high)[None] / 2)[0]
             self._spread = (high - low) / 2 @ self._other.reach
-        needed = self._needed + slack[self._mine] + self._spread[self._its]
-        first = self._distance(nodes[:1])
-        bound = first - travel.sum(axis=0)[self._mine] - needed
+        mine, beside = self._mine, self._spread[self._its]
+        needed = self._needed + way.slack[mine] + beside
+        first = self._nearest(way.nodes[:1], mine, self._its).distance - self._radii
+        bound = first - way.travel.sum(axis=0)[mine] - needed
+        limit = np.zeros(len(mine))
         if (bound >= 0.0).all():  # so far apart that the whole way wouldn't do
-            return Judged(bound, first, self._mine)
-        distance = self._distance(nodes)
-        margin = 0.5 * (distance[:-1] + distance[1:] - travel[:, self._mine]) - needed
-        return Judged(margin, distance, self._mine)
+            return Judged(bound, first, limit)
+        found = self._nearest(way.nodes, mine, self._its)
+        distance = found.distance - self._radii
+        margin = 0.5 * (distance[:-1] + distance[1:] - way.travel[:, mine]) - needed
+        close = np.flatnonzero(~(margin >= 0.0).all(axis=0))
+        if close.size:
+            margin[:, close], limit[close] = self._close(way, found, close, margin[:, close])
+        return Judged(margin, distance, limit)
 
-    def _distance(self, nodes: Array) -> Array:
-        """(m, k) m, from the links at the middle of the other arm's extent."""
+    def _close(self, way: Way, found: Nearest, close: NDArray[np.intp], margin: Array) -> tuple[Array, Array]:
+        """As `BodyClearance._close`: the other link doesn't go on with time, it is thicker."""
+        found = Nearest(*(each.take(close, axis=-1) for each in found))
+        links, beside = self._mine.take(close), self._spread[self._its.take(close)]
+        levers = way.levers(found, links)
+        height = (found.distance - self._radii - beside)[..., None]
+        needed = Separation(0.0, self._least, self._beside_base)
+        by_levers, gap = way.close(levers, height, np.zeros_like(height), links, 0.0, needed)
+        margin = np.maximum(margin, by_levers)
+        moved = np.broadcast_to(beside + self._beside_base, margin.shape)
+        gap += self._radii
+        return margin, way.closing(levers, links, gap, found.distance, moved, self._radii + self._least)
+
+    def _nearest(self, nodes: Array, mine: NDArray[np.intp], its: NDArray[np.intp]) -> Nearest:
+        """From the links at the middle of the other arm's extent, in all samples."""
         ends = np.stack([self._nodes[:-1], self._nodes[1:]], axis=1)
-        return nearest(ends, self._its, nodes, self._mine).distance - self._radii
+        return nearest(ends, its, nodes, mine)

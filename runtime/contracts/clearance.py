@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,12 +33,18 @@ class Braking:
         until: (m,) s from now, rising: the latest instant at which the limb may still be on its way to this sample.
         velocity: (n,) rad/s or m/s, the largest speed of each element on the way.
         slack: (n,) rad or m, by which the limb's own elements may be beside the commanded ones.
+        rates: (r, n) rad/s or m/s. Up to the second sample the velocity is a mixture of these; after it, it is a share
+            of the last one, which only falls. None: nothing is known beside `velocity`.
+        spread: (n,) rad/s or m/s, by which the limb's own velocities may be beside those, as one joint is later than
+            another.
     """
 
     path: Array
     until: Array
     velocity: Array
     slack: Array
+    rates: Array | None = None
+    spread: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Clearance(ABC):
@@ -50,8 +56,8 @@ class Clearance(ABC):
     Attributes:
         inputs: the signals it reads. The profile's `in:` must bind every one.
         reach: (n,) m for each rad or m: no point of the limb moves by more than the sum of `reach_i |dq_i|`.
-        creep: m/s: a limb whose sum of `reach_i |v_i|` is at most this may leave what it is too near to. The guard asks
-            for such a motion when no faster one is clear.
+        creep: m/s: a limb that closes no distance at more than this may leave what it is too near to. One whose sum of
+            `reach_i |v_i|` is at most this never does: the guard asks for such a motion when no faster one is clear.
         limb: the limb that the options describe, comparable; None where they describe none. No two devices have the
             same one.
         stroke: (n,) rad or m: it is right about the limb while no element is farther from 0 than this; infinite where

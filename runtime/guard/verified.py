@@ -14,7 +14,7 @@ and the other side, the limb is at rest before anything comes nearer than it all
   it may be off by `tracking`, or by what is measured where that is more;
 - a joint may be later than another. With lags between l and L, joint i is where its command was between l and L ago. It
   is beside the place where all commands were (l + L)/2 ago by (L - l)/2 times its largest speed in that time at most,
-  which is |v_i| + A_i L.
+  which is |v_i| + A_i L. Its velocity is beside the others' by A_i (L - l) at most.
 
 A limb that is commanded by velocity goes on while the loop is late, until its device's own time-out ends that. So its
 stop begins `goes_on` later and farther.
@@ -91,6 +91,7 @@ class VerifiedStop:
         self._tracking: list[float] = tracking.ravel().tolist()
         self._apart = max(lag - least_lag, 0.0) / 2  # s, of a joint from the middle of the lags
         self._faster = np.array(self._A) * lag
+        self._spread = np.array(self._A) * max(lag - least_lag, 0.0)
         self._reach: list[float] = clearance.reach.ravel().tolist()
         n = len(self._A)
         self._path, self._until = np.zeros((MOST + 4, n)), np.zeros(MOST + 4)
@@ -233,7 +234,11 @@ class VerifiedStop:
         self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(states, tried, dt)))
         try:
             slack = self._slack + self._apart * (self._velocity + self._faster)
-            motion = Braking(path[:end], until[:end], self._velocity, slack)
+            rates = None
+            if origin is None and isinf(min(self._J)):  # the stop is straight, and begins where the step ends
+                (p, v, _), (end_p, end_v, _) = (np.array(each).T for each in (states, tried))
+                rates = np.array([v, (end_p - p) / dt, end_v])
+            motion = Braking(path[:end], until[:end], self._velocity, slack, rates, self._spread)
             clear = bool(self.clearance.clear(motion))
             self.margin = self.clearance.margin
             if clear and self.margin < 0 and self._beside.any():

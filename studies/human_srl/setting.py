@@ -57,6 +57,7 @@ class Setting:
             np.array(each) for each in (limits.lower, limits.upper, limits.velocity, limits.acceleration)
         )
         self.lag = entry.clear.lag if lag is None else lag
+        self._least_lag = entry.clear.least_lag if lag is None else lag  # the trials' servos lag alike
         self._tracking = entry.clear.tracking if tracking is None else tracking
 
     def clearance(self, **changed: Any) -> BodyClearance:
@@ -75,6 +76,6 @@ class Setting:
         guard.bind(applied, measured)
         if clearance is not None:
             tracking = in_order(self._tracking, self.labels, size=len(self.labels), ordered=True)
-            guard.keep_clear(clearance, self.lag, np.array(tracking, np.float64))
+            guard.keep_clear(clearance, self.lag, np.array(tracking, np.float64), least_lag=self._least_lag)
         guard.reset(measured)
         return guard

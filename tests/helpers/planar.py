@@ -61,7 +61,7 @@ class PlanarClearance(Clearance):
         )
         self.margin = float(found.min())
         self._near = f"link {int(found.min(axis=0).argmin()) + 1} and the disc, {distance[0].min():.3f} m"
-        return is_clear(found, distance, np.abs(motion.velocity) @ REACH <= self.creep)
+        return is_clear(found, distance, np.abs(motion.velocity) @ REACH, self.creep)
 
     def why(self) -> str:
         return self._near

@@ -89,8 +89,7 @@ def test_the_extent_of_the_other_arm_holds_every_place_in_it():
         high = np.minimum(low + rng.uniform(0, 0.3, 7) * (HIGH - LOW) / 3, HIGH)
         own = rng.uniform(LOW, HIGH)
         both["left"].extent = low, high
-        nodes = link_nodes(ARMS.arms, "right", own[None])
-        judged = other.judge(np.concatenate([nodes, nodes]), np.zeros((1, 8)), np.zeros(8))
+        judged = other.judge(both["right"].way(Braking(np.array([own, own]), np.zeros(2), np.zeros(7), np.zeros(7))))
         assert judged is not None
         for _ in range(20):
             assert gap(own, rng.uniform(low, high), first=1) >= judged.margin.min() + C - 1e-9
