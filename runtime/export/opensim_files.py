@@ -1,6 +1,7 @@
 """A recording for OpenSim: markers and other points of a body as TRC, joint positions as MOT.
 
-Both are tables of text at a fixed rate. Source: OpenSim documentation, "Marker (.trc) Files", "Motion (.mot) Files".
+Both are tables of text at a fixed rate. OpenSim's world has y up: x forward, z right. Source: OpenSim documentation,
+"Marker (.trc) Files", "Motion (.mot) Files", "Coordinate Systems".
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ MADE: Final = "srl-runtime"  # by which a file says what made it
 
 
 def write_trc(recording: Recording, target: Path, rate: Fraction | None = None) -> Report:
-    """Writes points in mm; what wasn't measured is empty. `rate`: frames per second; None: the loop's.
+    """Writes points in mm, y up; what wasn't measured is empty. `rate`: frames per second; None: the loop's.
+
+    The profile's root is taken to have z up, x forward.
 
     Raises:
         RecordingError: no body's points are recorded, or it can't be written.
@@ -42,9 +45,11 @@ def write_trc(recording: Recording, target: Path, rate: Fraction | None = None) 
         "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, len(names) + 1)),
         "",
     ]
-    for i, (placed, seen) in enumerate(zip(points.placed, points.seen, strict=True)):
+    y_up = points.placed[..., [0, 2, 1]] * (1.0, 1.0, -1.0)
+    for i, (placed, seen) in enumerate(zip(y_up, points.seen, strict=True)):
         cells = ["\t".join(f"{v:.6f}" for v in p) if ok else "\t\t" for p, ok in zip(placed, seen, strict=True)]
-        lines.append(f"{i + 1}\t{i / frames.rate:.6f}\t" + "\t".join(cells))
+        # A tab at the end, too: OpenSim's reader doesn't see an empty cell after the last one.
+        lines.append(f"{i + 1}\t{i / frames.rate:.6f}\t" + "\t".join(cells) + "\t")
     _write(target, lines)
     return Report(
         [target], f"{count} frames of {len(names)} points, {rate_text} a second", _left_out(recording, points.fields)

@@ -44,7 +44,10 @@ class LawInputs:
             names = ", ".join(controller.name for controller in able)
             raise RecordingError(self._place, f"several laws write {form}: {names}", "Name one with --law")
         what = f"no law of this recording{f' called {name!r}' if name else ''} writes {form}"
-        raise RecordingError(self._place, what, nearest(name or "", [law.controller.name for law in self._graph.laws]))
+        those = [law.controller.name for law in self._graph.laws if form in law.controller.exports]
+        if name is not None and those:
+            raise RecordingError(self._place, what, nearest(name, those))
+        raise RecordingError(self._place, what, "Record a run with a law that does, or choose another format")
 
     def of(self, controller: Controller, rows: NDArray[np.int64]) -> dict[str, Array]:
         """(k, *shape) by input name: what a law was given in rows (k, width)."""

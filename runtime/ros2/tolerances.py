@@ -56,9 +56,9 @@ class Tolerances:
         made = [_bounds(goal[f"{which}_tolerance"], names, measured, f"{place}: {which}_tolerance", otherwise)
                 for which, otherwise in (("path", none), ("goal", at_rest))]  # fmt: skip
         late = goal["goal_time_tolerance"]["sec"] + 1e-9 * goal["goal_time_tolerance"]["nanosec"]
-        if late < 0.0:
-            raise RequestError(f"{place}: goal_time_tolerance", f"{late:g} s is negative", "Send 0 for no bound")
-        return cls(made[0], made[1], late or np.inf)
+        if late < 0.0 and late != -1.0:
+            raise RequestError(f"{place}: goal_time_tolerance", f"{late:g} s is negative", "Send s, 0 or -1 (none)")
+        return cls(made[0], made[1], late if late > 0.0 else np.inf)
 
 
 def _bounds(

@@ -1,7 +1,8 @@
 """A trajectory_msgs/msg/JointTrajectory as positions over time, by the rules of ros2_control's trajectory controller.
 
-Between two points a joint moves linearly where positions alone are given, by a cubic with velocities, by a quintic with
-accelerations, too. Source: ros2_controllers, joint_trajectory_controller, "Trajectory Representation".
+Between two points a joint moves linearly where positions alone are given, by a cubic where both have velocities, by a
+quintic where both have accelerations, too. Source: ros2_controllers, joint_trajectory_controller, "Trajectory
+Representation".
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from math import comb
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.signals import Array
@@ -18,6 +20,7 @@ from srl.runtime.contracts.signals import Array
 LONGEST = 600.0  # s
 MOST_POINTS = 2000
 NEAR = 0.05  # rad or m, from where the joints are to a first point at 0 s
+AT_REST = 1.2e-7  # rad/s or m/s, ros2_control's bound: planners round to it
 
 
 class Trajectory:
@@ -49,20 +52,21 @@ class Trajectory:
             raise RequestError(place, f"it has {len(points)} points", f"Send 1 to {MOST_POINTS}")
         order, n, count = [names.index(name) for name in given], len(names), len(given)
         at_rest = [np.asarray(start, float), np.zeros(n), np.zeros(n)]
-        times, rows = [0.0], [at_rest]
-        degree = 5
+        times, rows, degrees = [0.0], [at_rest], [5]  # the degree that a point's own values allow
         for i, point in enumerate(points):
             time = point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"]
             values = [np.asarray(point[what], float) for what in ("positions", "velocities", "accelerations")]
             if len(values[0]) != count or any(len(v) not in (0, count) for v in values[1:]):
                 problem = f"point {i + 1} hasn't {count} positions"
                 raise RequestError(place, problem, "Give each joint one, or none at all")
+            if len(point["effort"]):
+                raise RequestError(place, f"point {i + 1} has efforts", "Leave effort empty: positions are sent")
             if not all(np.isfinite(v).all() for v in values):
                 raise RequestError(place, f"point {i + 1} has a number that isn't finite", "Send finite numbers")
             if not times[-1] < time <= LONGEST and not (i == 0 and time == 0.0):
                 problem = f"the time of point {i + 1} is {time:g} s"
                 raise RequestError(place, problem, "Let times rise, to 600 s at most")
-            degree = min(degree, 1 if not len(values[1]) else 3 if not len(values[2]) else 5)
+            degree = 1 if not len(values[1]) else 3 if not len(values[2]) else 5
             row = [rest.copy() for rest in at_rest]
             for target, v in zip(row, values, strict=True):
                 if len(v):
@@ -70,17 +74,20 @@ class Trajectory:
             if time > 0.0:
                 times.append(time)
                 rows.append(row)
+                degrees.append(degree)
             elif not np.abs(row[0] - start).max() <= NEAR:
                 remedy = "Plan it from where they are, or leave point 1 out"
                 raise RequestError(place, "it begins where the joints aren't", remedy)
+            else:
+                degrees[0] = degree
         if len(times) == 1:
             raise RequestError(place, "it has no point after its beginning", "Give a point a time above 0")
-        if np.abs(rows[-1][1]).max() > 1e-9:
+        if np.abs(rows[-1][1]).max() > AT_REST:
             raise RequestError(place, "it doesn't end at rest", "Give the last point the velocity 0")
         self.end, self._last = times[-1], rows[-1][0]
         self._times, self._spans = np.array(times), np.diff(times)
         q, v, a = (np.array([row[k] for row in rows]) for k in range(3))
-        self._c = _polynomials(q, v, a, self._spans[:, None], degree)
+        self._c = _polynomials(q, v, a, self._spans[:, None], np.minimum(degrees[1:], degrees[:-1]))
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Position and velocity (n,) at `time` s; the last point from `end` on."""
@@ -115,20 +122,21 @@ class Trajectory:
                     raise RequestError(place, problem, "Plan within the guard's limits, or slower")
 
 
-def _polynomials(q: Array, v: Array, a: Array, T: Array, degree: int) -> Array:
-    """(segments, n, 6): the coefficients of s^k, with s from 0 to 1 in each segment, of T (segments, 1) s."""
+def _polynomials(q: Array, v: Array, a: Array, T: Array, degree: NDArray[np.int_]) -> Array:
+    """(segments, n, 6): the coefficients of s^k, with s from 0 to 1 in each segment, of T (segments, 1) s.
+
+    `degree`: (segments,) 1, 3 or 5.
+    """
     h, v0, v1, a0, a1 = q[1:] - q[:-1], T * v[:-1], T * v[1:], T * T * a[:-1], T * T * a[1:]
     none = np.zeros_like(h)
-    if degree == 1:
-        columns = [q[:-1], h, none, none, none, none]
-    elif degree == 3:
-        columns = [q[:-1], v0, 3 * h - 2 * v0 - v1, v0 + v1 - 2 * h, none, none]
-    else:
-        columns = [
-            q[:-1], v0, 0.5 * a0, 10 * h - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
-            -15 * h + 8 * v0 + 7 * v1 + 1.5 * a0 - a1, 6 * h - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
-        ]  # fmt: skip
-    return np.stack(columns, axis=2)
+    linear = [q[:-1], h, none, none, none, none]
+    cubic = [q[:-1], v0, 3 * h - 2 * v0 - v1, v0 + v1 - 2 * h, none, none]
+    quintic = [
+        q[:-1], v0, 0.5 * a0, 10 * h - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
+        -15 * h + 8 * v0 + 7 * v1 + 1.5 * a0 - a1, 6 * h - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
+    ]  # fmt: skip
+    made = [np.stack(columns, axis=2) for columns in (linear, cubic, quintic)]
+    return np.stack(made)[(degree - 1) // 2, np.arange(len(degree))]
 
 
 def _bernstein(degree: int) -> Array:

@@ -36,6 +36,7 @@ def test_what_is_not_said_is_no_bound() -> None:
     assert read(goal(at_end=[tolerance("distal", velocity=-1.0)])).goal[1, 1] == np.inf
     assert made.time == np.inf
     assert read(goal(goal_time_tolerance={"sec": 1, "nanosec": 500_000_000})).time == 1.5
+    assert read(goal(goal_time_tolerance={"sec": -1, "nanosec": 0})).time == np.inf
 
 
 @pytest.mark.parametrize(
@@ -50,7 +51,7 @@ def test_what_is_not_said_is_no_bound() -> None:
         (goal([tolerance("distal", acceleration=0.1)]), (True, True), "accelerations"),
         (goal([tolerance("distal", acceleration=float("nan"))]), (True, True), "accelerations"),
         (goal(multi_dof_trajectory={"points": [{}]}), (True, True), "several degrees"),
-        (goal(goal_time_tolerance={"sec": -1, "nanosec": 0}), (True, True), "negative"),
+        (goal(goal_time_tolerance={"sec": -2, "nanosec": 0}), (True, True), "negative"),
     ],
 )
 def test_what_cannot_be_judged_is_refused(given: Any, measured: tuple[bool, bool], problem: str) -> None:

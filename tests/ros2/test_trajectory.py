@@ -51,6 +51,37 @@ def test_it_is_the_spline_of_another_library(steps: list[Any], degree: int) -> N
         np.testing.assert_allclose(dq, theirs.derivative()(time), atol=1e-5)
 
 
+def test_each_segment_has_the_degree_that_its_two_ends_allow() -> None:
+    zero = (0.0, 0.0)
+    ours = made(
+        point(1.0, (0.2, 0.1), (0.5, 0.2), (0.1, -0.3)),  # a quintic from rest to here
+        point(2.0, (0.5, 0.6), (0.3, 0.1)),  # a cubic
+        point(3.0, (0.8, 0.9)),  # lines to here, and from here on
+        point(4.0, (1.0, 1.0), zero, zero),
+    )
+    begin, middle = [[zero] * 3, [(0.2, 0.1), (0.5, 0.2), (0.1, -0.3)]], [[(0.2, 0.1), (0.5, 0.2)]]
+    expected = [
+        BPoly.from_derivatives([0.0, 1.0], [list(map(np.array, knot)) for knot in begin]),
+        BPoly.from_derivatives([1.0, 2.0], [list(map(np.array, k)) for k in (*middle, [(0.5, 0.6), (0.3, 0.1)])]),
+        BPoly.from_derivatives([2.0, 3.0], [[np.array((0.5, 0.6))], [np.array((0.8, 0.9))]]),
+        BPoly.from_derivatives([3.0, 4.0], [[np.array((0.8, 0.9))], [np.array((1.0, 1.0))]]),
+    ]
+    for time in np.linspace(0.0, 3.99, 57):
+        theirs = expected[int(time)]
+        np.testing.assert_allclose(ours.at(float(time))[0], theirs(time), atol=1e-12)
+        np.testing.assert_allclose(ours.at(float(time))[1], theirs.derivative()(time), atol=1e-9)
+
+
+def test_a_first_point_at_0_decides_on_the_degree_of_the_first_segment_alone() -> None:
+    ours = made(point(0.0, (0.0, 0.0)), point(1.0, (1.0, 0.0), (1.0, 0.0)), point(2.0, (1.0, 0.0), (0.0, 0.0)))
+    np.testing.assert_allclose(ours.at(0.25)[0], (0.25, 0.0))  # a line: the first point has no velocity
+    np.testing.assert_allclose(ours.at(1.5)[0], (1.125, 0.0))  # a cubic
+
+
+def test_a_velocity_that_is_0_but_for_rounding_is_at_rest() -> None:
+    assert made(point(1.0, (1.0, 1.0), (6e-8, 0.0))).end == 1.0
+
+
 def test_joints_may_come_in_any_order_and_the_end_is_held() -> None:
     ours = made(point(1.0, (2.0, 1.0)), names=("b", "a"))
     np.testing.assert_allclose(ours.at(0.5)[0], (0.5, 1.0))
@@ -79,6 +110,7 @@ def test_it_begins_where_the_joints_are_whatever_a_first_point_at_0_says() -> No
         ([point(-1.0, (1.0, 1.0))], NAMES, "the time of point 1"),
         ([point(1e5, (1.0, 1.0))], NAMES, "the time of point 1"),
         ([point(1.0, (1.0, 1.0), (0.5, 0.0))], NAMES, "doesn't end at rest"),
+        ([point(1.0, (1.0, 1.0)) | {"effort": np.ones(2)}], NAMES, "point 1 has efforts"),
     ],
 )
 def test_what_cant_be_followed_is_refused(points: list[Any], names: Any, text: str) -> None:
