@@ -57,7 +57,7 @@ slow-serial: setup
 
 # A sample of single changes of the guard, the loop and units of servos: which of them no test notices. Minutes a group.
 mutants: setup
-	for group in $(MUTANTS); do $(BIN)/python bench/mutants.py $$group --minutes 5 --sample 30; done
+	for group in $(MUTANTS); do $(BIN)/python bench/mutants.py $$group --minutes 10 --sample 30; done
 
 # What CI doesn't run: the rest of the products of which it runs a sample, and new examples of what hypothesis tries.
 exhaustive: setup

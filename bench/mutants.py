@@ -3,7 +3,7 @@
     python bench/mutants.py GROUP [--minutes 10] [--sample 60] [--seed 0] [--jobs 2] [--only PATTERN]
 
 mutmut makes and runs the mutants, in out/mutants/GROUP: the checkout stays as it is. `make mutants` takes each group in
-turn. A survivor is a place to look, no verdict: where C computes a law or guard, a change of the Python isn't reached.
+turn. A survivor is a place to look, no verdict. There is no C in that folder, so Python computes what C does elsewhere.
 """
 
 from __future__ import annotations
@@ -23,27 +23,29 @@ from pathlib import Path
 from typing import Any, cast
 
 ROOT = Path(__file__).resolve().parents[1]
-COPIED = ("bench", "tests", "docs", "native", "profiles", "README.md")
+LINKED = ("bench", "docs", "native", "profiles", "README.md", "pyproject.toml")
+COPIED = ("tests", *LINKED[:-1])  # by mutmut, at each of its runs
 # By group: the modules that are changed, and the tests that should notice.
 # One group a module in the guard: its functions are hot, and so a run of all its tests through mutmut takes minutes.
+CLEAR = ["verified*", "limits_clear", "extent"]
 GUARD = {
-    "approach": ["approach"], "braking": ["braking", "position"], "position": ["position", "limits_clear"],
-    "velocity": ["velocity", "limits_clear", "verified"], "torque": ["torque"], "sent": ["resynchronise"],
-    "samples": ["samples"], "following": ["following"],
-    "verified": ["verified*", "limits_clear"], "base": ["limits", "position", "velocity", "torque"],
+    "approach": ["approach"], "braking": ["braking", "position"], "position": ["position", *CLEAR, "resynchronise"],
+    "velocity": ["velocity", *CLEAR], "torque": ["torque", "limits", "verified"], "sent": ["sent*", "resynchronise"],
+    "samples": ["samples*", "rates"], "following": ["following*"], "verified": CLEAR,
+    "base": ["limits", "position", "velocity", "torque", "resynchronise", "sent*", "verified", "fast"],
 }  # fmt: skip
-UNITS = ("dynamixel/units", "dynamixel/family", "feetech/units", "firmata/config")
+UNITS = ("servo_bus/units", "dynamixel/family", "feetech/units", "firmata/config")
 GROUPS = {
     name: ([f"srl/runtime/guard/{name}.py"], [f"tests/guard/test_{each}.py" for each in tests])
     for name, tests in GUARD.items()
 } | {
     "loop": (
-        [f"srl/runtime/loop/{name}.py" for name in ("machine", "cycle", "fault_finder", "guards")],
+        [f"srl/runtime/loop/{name}.py" for name in ("machine", "cycle", "faults", "guards")],
         ["tests/loop"],
     ),
     "units": (
         [f"srl/drivers/{name}.py" for name in UNITS],
-        [f"tests/drivers/test_{name}*.py" for name in ("dynamixel", "feetech", "firmata")],
+        [f"tests/drivers/test_{name}*.py" for name in ("servo_units", "dynamixel", "feetech", "firmata")],
     ),
 }
 
@@ -86,16 +88,21 @@ def statuses() -> list[tuple[str, str]]:
 
 
 def prepare(group: str) -> None:
-    """A folder with links to the checkout and mutmut's settings; becomes the present one."""
+    """A folder with copies and links of the checkout, and mutmut's settings; becomes the present one."""
     modules, tests = GROUPS[group]
     folder = ROOT / "out" / "mutants" / group
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     os.chdir(folder)
-    for name in ("pyproject.toml", *COPIED):
+    for name in LINKED:
         Path(name).symlink_to(ROOT / name)
-    shutil.copytree(ROOT / "srl", "srl", ignore=shutil.ignore_patterns("__pycache__"))  # whole: mutmut follows no links
-    tests = [str(p.relative_to(ROOT)) for each in tests for p in sorted(ROOT.glob(each))]
+    # As they are now: whoever edits a test meanwhile makes the unchanged code fail, and mutmut then runs nothing.
+    shutil.copytree(ROOT / "tests", "tests", ignore=shutil.ignore_patterns("__pycache__"))
+    # Whole, as mutmut follows no links; without C, which would compute what the Python there was changed in.
+    shutil.copytree(ROOT / "srl", "srl", ignore=shutil.ignore_patterns("__pycache__", "_compiled*"))
+    for module in map(Path, modules):  # `zip` checks what is so anyway: no test can notice its end
+        module.write_text(re.sub(r",\s*strict=True", "", module.read_text()))
+    tests = list(dict.fromkeys(str(p.relative_to(ROOT)) for each in tests for p in sorted(ROOT.glob(each))))
     settings = {
         "source_paths": ["srl"],
         "only_mutate": modules,
@@ -126,6 +133,8 @@ def main() -> None:
     chosen = random.Random(given.seed).sample(sorted(every), min(given.sample, len(every)))
     output = mutmut("run", "--max-children", str(given.jobs), *chosen, seconds=max(end - time.monotonic(), 1.0))
     results = dict(statuses())
+    if chosen and all(results[name] == "not checked" for name in chosen) and time.monotonic() < end:
+        sys.exit(output[-3000:])  # a test fails without a change
     found = {status: [name for name in chosen if results[name] == status] for status in sorted({*results.values()})}
     for name in found.get("survived", []) + found.get("no tests", []):
         lines = [line for line in mutmut("show", name).splitlines() if re.match(r"@@|[-+](?![-+])", line)]
@@ -135,6 +144,7 @@ def main() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--mutmut"]:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell runs in its background inherits none
         operators()
         from mutmut.__main__ import cli
 

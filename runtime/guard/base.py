@@ -15,6 +15,7 @@ from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Stop
 from srl.runtime.guard.sent import SentTracker, rounding
 from srl.runtime.guard.verified import VerifiedStop
 
+PROMPT = 2  # periods: a limb commanded by position waits in a longer cycle, and goes on only if that is clear anew
 LONGEST = 5  # periods: a longer pause is not made up for, the motion continues from where the device is
 SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
@@ -207,9 +208,9 @@ class CommandGuard(ABC):
             WiringError: the braking motion of such a command isn't known.
         """
         self.check_stroke(clearance)
-        self.verified = VerifiedStop(
-            clearance, lag, self._wait, tracking, self.max_acceleration, self.max_jerk, least_lag=least_lag
-        )
+        prompt = max((self.command.period or 0.0) + self.dt, PROMPT * self.dt)
+        limits = self.max_acceleration, self.max_jerk
+        self.verified = VerifiedStop(clearance, lag, prompt, tracking, *limits, 0.0, least_lag, prompt - self.dt / 2)
 
     def check_stroke(self, clearance: Clearance, known: bool = True) -> None:
         """Whether the position limits keep the limb where the clearance is right about it.
@@ -360,9 +361,11 @@ class CommandGuard(ABC):
 
     def _span(self, dt: float) -> float:
         # After a stall the motion goes on with one period's span, never with the time since.
-        return min(
-            max(dt, SHORTEST * self.dt), (1 if self._tracker.stalled or self.resynchronised else LONGEST) * self.dt
-        )
+        stalled, verified = self._tracker.stalled or self.resynchronised, self.verified
+        if verified is not None:
+            verified.waited = dt > verified.late
+            stalled = stalled or verified.waited
+        return min(max(dt, SHORTEST * self.dt), (1 if stalled else LONGEST) * self.dt)
 
     def _begin(self) -> None:
         if not self._ready:

@@ -8,7 +8,7 @@ from srl.runtime.contracts.signals import Limits, Stop
 from srl.runtime.guard.approach import approach
 from srl.runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
 from srl.runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
-from srl.runtime.guard.verified import VerifiedStop, brake_together, stop_time
+from srl.runtime.guard.verified import VerifiedStop, stop_time
 
 SLACK = 1e-10  # rad or m: tolerance for rounding when two braking distances are compared
 SQRT2 = sqrt(2.0)
@@ -94,7 +94,7 @@ class PositionGuard(CommandGuard):
         else:
             if self.verified is not None:
                 self._compare(self.verified, dt)
-                self._states = brake_together(self._states, self.max_acceleration, self.max_jerk, dt)
+                self._states = self.verified.braked(self._states, dt)
             else:
                 for i, state in enumerate(self._states):
                     self._states[i] = brake(state, self.max_acceleration[i], self.max_jerk[i], dt)

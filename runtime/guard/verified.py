@@ -10,8 +10,10 @@ and the other side, the limb is at rest before anything comes nearer than it all
   way T is what is left of it, so the rest of a stop is the stop of the rest. (With a bounded jerk each joint brakes as
   fast as it can; that stop has the same property, but it isn't straight.)
 - the times are those of the limb and not of its command. A servo may be `lag` late, so the limb may be on its way to a
-  sample until the sample's time plus `lag` and `timeout`, as long as a late cycle of the loop may last; beside that,
-  it may be off by `tracking`, or by what is measured where that is more;
+  sample until the sample's time plus `lag` and `timeout`, the longest that a cycle may last; beside that, it may be off
+  by `tracking`, or by what is measured where that is more. A limb that is commanded by position waits while a cycle
+  lasts longer. So a stop that goes on after such a cycle is a new motion: it is carried out if it is accepted, and else
+  the limb rests where it waits;
 - a joint may be later than another. With lags between l and L, joint i is where its command was between l and L ago. It
   is beside the place where all commands were (l + L)/2 ago by (L - l)/2 times its largest speed in that time at most,
   which is |v_i| + A_i L. Its velocity is beside the others' by A_i (L - l) at most.
@@ -25,7 +27,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import ceil, isinf, nan
+from math import ceil, inf, isinf, nan
 from operator import mul
 from typing import Final
 
@@ -62,6 +64,7 @@ class VerifiedStop:
 
     Attributes:
         held: in this cycle no command was accepted, and the limb brakes or waits.
+        waited: this cycle came so late that the limb has come to rest at its last command; the guard sets it.
         holds: number of such cycles.
         margin: m, of the motion that was judged last in this cycle; NaN if none was.
         error: what the clearance raised, in words; empty if nothing.
@@ -69,19 +72,21 @@ class VerifiedStop:
 
     def __init__(
         self, clearance: Clearance, lag: float, timeout: float, tracking: Array, acceleration: Sequence[float],
-        jerk: Sequence[float], goes_on: float = 0.0, least_lag: float = 0.0,
+        jerk: Sequence[float], goes_on: float = 0.0, least_lag: float = 0.0, late: float = inf,
     ) -> None:  # fmt: skip
         """
         Args:
             clearance: the judge, bound.
             lag: s, the longest time from a command until the limb is there.
-            timeout: s, by which a stop may be carried out late, at least a period: the loop may stall.
+            timeout: s, by which a stop may be carried out late, at least a period.
             tracking: (n,) rad or m, by which the limb may be beside what was commanded within the lag.
             acceleration, jerk: (n,) the guard's limits; the jerk may be infinite.
             least_lag: s, the shortest lag of any joint.
             goes_on: s, for which the limb goes on at an accepted velocity before its stop begins; 0 for positions.
+            late: s; in a longer cycle the limb has waited at its last command; infinite for velocities.
         """
         self.clearance, self.lag, self.timeout, self.goes_on = clearance, lag, timeout, goes_on
+        self.late, self.waited = late, False
         self.held, self.holds = False, 0
         self.margin = nan
         self.error = ""
@@ -211,7 +216,14 @@ class VerifiedStop:
                     return tried
         self.held = True
         self.holds += 1
-        return braked
+        return self.braked(states, dt)
+
+    def braked(self, states: list[State], dt: float) -> list[State]:
+        """The states after dt of the stop that was accepted; at rest, where it came too late to hold."""
+        braked = brake_together(states, self._A, self._J, dt)
+        if not self.waited or (self._usable and self._is_clear(states, braked, dt, None)):
+            return braked
+        return [(p, 0.0, 0.0) for p, _, _ in states]
 
     def _creep(self, states: list[State], wanted: list[State], dt: float) -> tuple[float, ...]:
         """The share of the way at which a limb that was at rest creeps; none if it creeps anyway."""

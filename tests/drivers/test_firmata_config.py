@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from srl.drivers.firmata import Firmata
 from srl.drivers.firmata.config import ServoConfig
+from srl.runtime.contracts.servo_record import Line
 from srl.runtime.contracts.signals import Kind, Stop
 
 
@@ -128,3 +129,17 @@ def test_a_pin_that_such_a_board_does_not_have_is_refused(pin):
 @pytest.mark.parametrize("pin", [2, 13, 14, 19])
 def test_the_first_and_last_pins_are_taken(pin):
     assert Firmata.Config(port="loop://board", servos={"a": servo(pin)}).servos["a"].pin == pin
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("trim", "scale"), [(0.0, 1.0), (0.2, 1.0), (-0.3, 0.8)])
+def test_a_calibration_says_what_the_joints_angle_is_at_each_pulse(direction, turned, trim, scale):
+    """The trim is the profile's angle where the joint is at 0, with the sense of rotation that was found."""
+    config = ServoConfig(pin=9, min_us=700, max_us=2300, lower=-1.2, upper=1.6, home=0.0, reversed=turned)
+    line = Line(trim=trim, direction=direction, scale=scale, known=True, entry=config.entry)
+    one, found = config.calibration, config.calibrated(line).calibration
+    assert (found.shortest, found.longest) == (one.shortest, one.longest)
+    for pulse in (700, 1234, 2300):
+        sensed = one.angle(pulse) if direction > 0 else config.mirror - one.angle(pulse)
+        assert found.angle(pulse) == pytest.approx(scale * (sensed - trim))

@@ -45,6 +45,17 @@ def test_range_of_a_stop_is_ruckigs(v, a):
     assert speed == pytest.approx(max(speeds), abs=2e-2)
 
 
+@pytest.mark.parametrize("v", [0.02, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_that_turns_in_its_stop_comes_as_far_as_ruckigs(v, side):
+    """It is slower than A^2/2J, and so turns before its acceleration is zero."""
+    plan = ruckig_stop(-side * v, side * 0.9 * A, J)
+    way = [plan.at_time(plan.duration * k / 5000)[0][0] for k in range(5001)]
+    low, high, _ = stop_range((0.3, -side * v, side * 0.9 * A), A, J)
+    assert (low, high) == pytest.approx((min(way), max(way)), abs=1e-7)
+    assert min(way) < 0.3 < max(way)
+
+
 @given(velocities, st.floats(0, 1))
 def test_a_stop_without_jerk_limit_is_ruckigs(v, share):
     plan = ruckig_stop(v, 0.0, inf)

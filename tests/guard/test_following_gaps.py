@@ -150,6 +150,106 @@ def test_a_base_that_drives_in_a_circle_has_no_error(in_c: bool, turn: float) ->
     assert most < 0.02
 
 
+# -- pauses of the loop, and what is forgotten
+
+
+@pytest.mark.parametrize("in_c", WAYS)
+@pytest.mark.parametrize("speed", [0.5, -0.5])
+@pytest.mark.parametrize("obeys", [0.0, 0.3, 1.0])
+def test_whether_a_device_went_on_or_stopped_in_a_pause_is_no_error(in_c: bool, speed: float, obeys: float) -> None:
+    limb, q = Limb(Kind.VELOCITY, in_c), 0.0
+    limb.applied[0] = speed
+    for k in range(100):
+        pause = 1.0 if k % 20 == 10 else 0.0
+        q += speed * DT if not pause else obeys * speed * pause
+        assert not limb.at(q, 0.0, dt=pause or DT)
+        assert np.abs(limb.error.errors()).max() < 1e-9
+
+
+@pytest.mark.parametrize("in_c", WAYS)
+@pytest.mark.parametrize("speed", [0.5, -0.5])
+@pytest.mark.parametrize(("way", "beyond"), [(1.5, 1.0), (0.8, 0.3), (-0.4, -0.4), (-1.0, -1.0)])
+def test_what_no_device_does_in_a_pause_is_an_error(in_c: bool, speed: float, way: float, beyond: float) -> None:
+    """In 1 s it goes 0.5 rad forth at most, and never back."""
+    limb = Limb(Kind.VELOCITY, in_c)
+    limb.applied[0] = speed
+    sign = np.sign(speed)
+    limb.at(sign * way, 0.0, dt=1.0)
+    assert limb.error.errors()[0] == pytest.approx(sign * beyond)
+    assert limb.error.errors()[1] == 0.0
+
+
+@pytest.mark.parametrize("in_c", WAYS)
+@pytest.mark.parametrize("dt", [0.05, 0.2, 1.0, 30.0])
+def test_a_pause_that_is_longer_than_the_lag_takes_the_late_place_to_the_command_and_not_beyond(
+    in_c: bool, dt: float
+) -> None:
+    """A joint at its command, or where it was, is not away; one beyond the command is, by the whole way."""
+    limb = Limb(Kind.POSITION, in_c, lag=0.02)
+    limb.applied[0] = 1.0
+    limb.at(1.2, 0.0, dt=dt)
+    assert limb.error.errors()[0] == pytest.approx(0.2)
+    limb.at(0.7, 0.0, dt=dt)
+    assert limb.error.errors()[0] == pytest.approx(-0.3)
+
+
+@pytest.mark.parametrize("in_c", WAYS)
+def test_the_error_of_a_velocity_is_forgotten_in_a_long_pause_and_not_turned_over(in_c: bool) -> None:
+    limb = Limb(Kind.VELOCITY, in_c)
+    limb.at(0.2, 0.0)
+    assert limb.error.errors()[0] == pytest.approx(0.2)
+    limb.at(0.2, 0.0, dt=1.0)
+    assert limb.error.errors()[0] == pytest.approx(0.18)
+    limb.at(0.2, 0.0, dt=30.0)
+    assert limb.error.errors()[0] == 0.0
+
+
+@pytest.mark.parametrize("in_c", WAYS)
+def test_the_time_beyond_the_window_goes_back_at_a_quarter_and_to_nothing(in_c: bool) -> None:
+    limb, most = Limb(Kind.POSITION, in_c), round(TIMEOUT / DT)
+
+    def found_after(within: int) -> int:
+        """Cycles away from the window until it is found, after four fifths of the time-out and `within` in it."""
+        limb.error.restart()
+        for _ in range(round(0.8 * most)):
+            assert not limb.at(AWAY, 0.0)
+        for _ in range(within):
+            assert not limb.at(0.0, 0.0)
+        return next(k for k in range(1, 1000) if limb.at(AWAY, 0.0))
+
+    assert found_after(0) == pytest.approx(0.2 * most, abs=1.5)
+    assert found_after(round(0.8 * most)) == pytest.approx(0.4 * most, abs=1.5)
+    assert found_after(round(3.2 * most)) == pytest.approx(most, abs=1.5)
+    assert found_after(10 * most) == pytest.approx(most, abs=1.5)
+
+
+@pytest.mark.parametrize("in_c", WAYS)
+@pytest.mark.parametrize("to", [1.0, -1.0])
+def test_between_its_command_and_what_follows_that_late_a_joint_has_no_error(in_c: bool, to: float) -> None:
+    limb = Limb(Kind.POSITION, in_c, lag=0.2)
+    limb.applied[0] = to
+    for _ in range(10):
+        limb.at(0.9 * to, 0.0)
+        assert limb.error.errors()[0] == 0.0
+    for place, error in ((1.1, 0.1), (-0.1, -0.1 - (1.0 - 0.95**10))):
+        limb.measured[0] = place * to
+        assert limb.error.errors()[0] == pytest.approx(error * to)
+
+
+@pytest.mark.parametrize(("unit", "window"), [("rad/s", "rad"), ("m/s", "m"), ("1/s", "1")])
+def test_a_velocity_has_the_window_of_its_position(unit: str, window: str) -> None:
+    command = Command(name="c", shape=(1,), unit=unit, kind=Kind.VELOCITY, feedback="position", lag=0.0)
+    made = FollowingError(command, np.zeros(1), np.zeros(1), np.ones(1))
+    assert made.window.tolist() == [WINDOW[window]]
+
+
+@pytest.mark.parametrize(("unit", "window"), [("rad", "rad"), ("m", "m"), ("N", "m"), ("1", "1"), ("furlong", "rad")])
+def test_a_force_has_the_window_of_a_grippers_way(unit: str, window: str) -> None:
+    command = Command(name="c", shape=(1,), unit=unit, kind=Kind.POSITION, feedback="position")
+    made = FollowingError(command, np.zeros(1), np.zeros(1), np.ones(1))
+    assert made.window.tolist() == [WINDOW[window]]
+
+
 numbers = st.floats(-3, 3) | st.sampled_from((np.nan, np.inf, -np.inf, 1e300, -0.0))
 series = st.lists(
     st.tuples(*[numbers] * 6, st.sampled_from((0.01, 0.01, 0.05, 0.3, 3.0)), st.booleans(), st.integers(1, 60)),

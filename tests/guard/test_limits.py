@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.guard import PLACE, guard_of
+from helpers.verified import Scene
 from pydantic import ValidationError
 
 from srl.runtime.contracts.errors import WiringError
@@ -49,6 +50,7 @@ def test_merging_takes_the_narrower_of_each():
         (Kind.TORQUE, {"effort": 1, "velocity": 1}, "effort_rate"),
         (Kind.TORQUE, {"effort": 1, "velocity": 1, "effort_rate": 1}, "inertia"),
         (Kind.TORQUE, {"effort": 1, "velocity": 1, "effort_rate": 1, "inertia": 1, "lower": 0}, "upper"),
+        (Kind.TORQUE, {"effort": 1, "velocity": 1, "effort_rate": 1, "inertia": 1, "upper": 0}, "lower"),
     ],
 )
 def test_a_missing_limit_is_named(kind, given, missing):
@@ -170,3 +172,31 @@ def test_an_axis_that_may_not_move_is_none():
     guard.step(np.array([1.0, 1.0]), None, 0.01)
     assert guard.applied[0] > 0
     assert guard.applied[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("limits", "known", "refused"),
+    [
+        ({"lower": -1.0, "upper": 1.0}, True, ""),
+        ({"lower": -1.5, "upper": 1.0}, True, "may go 1.5 from its zero, and the clearance is right up to 1.25"),
+        ({"lower": -1.0, "upper": 1.5}, True, "may go 1.5 from its zero"),
+        ({"lower": -1.0, "upper": 1.5}, False, "may go 1.5 from its zero"),
+        ({"lower": -1.0}, True, "may go inf from its zero"),
+        ({"lower": -1.0}, False, ""),
+        ({"lower": -1.5}, False, "may go 1.5 from its zero"),
+        ({}, True, "may go inf from its zero"),
+        ({}, False, ""),
+    ],
+)
+def test_the_limits_keep_a_limb_where_its_clearance_is_right(limits, known, refused):
+    clearance = Scene().clearance
+    clearance.stroke = np.full(2, 1.25)
+    guard = guard_of(Kind.POSITION, 2, velocity=1.0, acceleration=1.0, **limits)
+    if not refused:
+        guard.check_stroke(clearance, known)
+        return
+    with pytest.raises(WiringError, match=refused) as caught:
+        guard.check_stroke(clearance, known)
+    assert ("stroke" in caught.value.remedy) == ("inf" not in refused)
+    with pytest.raises(WiringError, match="from its zero"):
+        guard.keep_clear(clearance, 0.03, np.zeros(2))

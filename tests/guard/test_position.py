@@ -135,6 +135,23 @@ def test_without_a_jerk_limit_a_step_takes_the_shortest_time():
     assert cycles * DT == pytest.approx(distance / V + V / A, abs=2.5 * DT)
 
 
+@pytest.mark.parametrize("reported", [True, False])
+@pytest.mark.parametrize("jerk", [None, 4000.0])
+@pytest.mark.parametrize("ahead", [0.02, 0.05, 0.1])
+@pytest.mark.parametrize("brakes", [0.05, 0.1, 0.3, 0.9])
+def test_behind_a_target_that_brakes_it_is_never_faster_than_its_limit(reported, jerk, ahead, brakes):
+    """At the end of a cycle the target is slower than in the middle of it, where the joint is at its limit."""
+    guard = guard_of(Kind.POSITION, velocity=V, acceleration=A, jerk=jerk)
+    guard.reset(np.zeros(1))
+    target, rate = ahead, 0.0
+    for k in range(80):
+        rate = min(rate + 0.9 * A * DT, V) if k < 30 else max(rate - brakes * A * DT, 0.0)
+        target += rate * DT
+        before = guard.applied[0]
+        guard.step(np.array([target]), np.array([rate]) if reported else None, DT)
+        assert abs(guard.applied[0] - before) <= V * DT * (1 + 1e-9), k
+
+
 def test_nan_brakes_and_the_next_good_command_is_followed_without_a_jump():
     guard = position_guard()
     guard.reset(np.zeros(1))
@@ -195,16 +212,35 @@ def test_retract_goes_slowly_to_rest(jerk):
 
 
 @pytest.mark.parametrize("jerk", [None, 1000.0])
-def test_started_beyond_a_limit_it_starts_there_and_only_comes_back(jerk):
+@pytest.mark.parametrize(("limit", "side"), [(HIGH, 1.0), (LOW, -1.0)])
+def test_started_beyond_a_limit_it_starts_there_and_only_comes_back(jerk, limit, side):
     guard = position_guard(jerk)
-    guard.reset(np.array([HIGH + 0.2]))
-    assert guard.applied[0] == HIGH + 0.2
+    guard.reset(np.array([limit + 0.2 * side]))
+    assert guard.applied[0] == limit + 0.2 * side
     last = guard.applied[0]
     for _ in range(200):
-        guard.step(np.array([HIGH + 1.0]), None, DT)
-        assert guard.applied[0] <= last + 1e-9
+        guard.step(np.array([limit + side]), None, DT)
+        assert side * guard.applied[0] <= side * last + 1e-9
         last = guard.applied[0]
-    assert last == pytest.approx(HIGH)
+    assert last == pytest.approx(limit)
+
+
+@pytest.mark.parametrize("jumps", [(0.0, 0.9, -0.3, 0.2, -0.8), (0.0, 0.006, -0.01, 0.015, 0.002)])
+@pytest.mark.parametrize("jerk", [None, 1000.0])
+@pytest.mark.parametrize("reported", [True, False])
+def test_the_other_way_round_it_moves_the_other_way_round(jerk, reported, jumps):
+    """A wave that jumps each 0.3 s, farther than the joint may go or by little."""
+    limits = {"lower": -1.0, "upper": 1.0, "velocity": V, "acceleration": A, "jerk": jerk}
+    one, other = guard_of(Kind.POSITION, **limits), guard_of(Kind.POSITION, **limits)
+    one.reset(np.array([0.1]))
+    other.reset(np.array([-0.1]))
+    for k in range(300):
+        wanted = np.array([0.4 * np.sin(0.07 * k) + jumps[k // 30 % 5]])
+        rate = np.array([0.4 * 7.0 * np.cos(0.07 * k)]) if reported else None
+        one.step(wanted, rate, DT)
+        other.step(-wanted, None if rate is None else -rate, DT)
+        assert other.applied[0] == pytest.approx(-one.applied[0], abs=1e-6), k
+        assert other.velocity[0] == pytest.approx(-one.velocity[0], abs=1e-4), k
 
 
 @given(st.lists(piece, min_size=1, max_size=5), jerks)

@@ -308,3 +308,24 @@ def test_a_report_in_another_unit_or_sign_moves_nothing_there(kind: Kind, wrong:
         assert step <= most or ended
         link.send(link.applied * (wrong if k > 60 else 1.0))
     assert abs(link.applied[0]) <= 0.6
+
+
+@pytest.mark.parametrize("jerk", [None, 4000.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_stall_beyond_a_limit_is_no_end_of_the_way_back(jerk: float | None, side: float) -> None:
+    link = Link(Kind.POSITION, jerk=jerk)
+    link.guard.reset(np.array([2.3 * side]))
+    link.send(link.applied)
+    for _ in range(5):
+        link.cycle(side)
+    stuck = float(link.sent[0])
+    assert 2.0 < side * stuck < 2.3
+    for _ in range(40):
+        link.cycle(side, takes=False)
+    link.guard.resynchronise(link.left, DT)
+    assert link.applied[0] == stuck
+    for _ in range(200):
+        before = float(link.applied[0])
+        link.cycle(side)
+        assert side * link.applied[0] <= side * before + 1e-9
+    assert link.applied[0] == pytest.approx(side)

@@ -208,6 +208,37 @@ def test_a_force_beyond_the_sensor_is_none_and_a_jump_needs_more_than_one_sample
     assert [arm.at(0, 0, 400.0, 0, 0, 0) for _ in range(AGREE)] == [False] * (AGREE - 1) + [True]
 
 
+@pytest.mark.parametrize("ranges", [[(-1.0, 2.0)], [(-1.0, 9.0), (-9.0, 2.0)], [(-9.0, 2.0), (-1.0, 9.0)]])
+def test_what_narrows_a_range_widens_no_side_of_it(ranges: list[tuple[float, float]]) -> None:
+    """The signal's own range is -3 to 3."""
+    signal = Signal(name="position", shape=(1,), unit="1", plausible=(-3.0, 3.0))
+    arm = Arm(signals=(signal,))
+    arm.check.narrow("position", np.array([-5.0]), np.array([5.0]))
+    assert arm.at(-2.9)
+    assert arm.at(2.9)
+    assert not arm.at(-3.1)
+    assert not arm.at(3.1)
+    for low, high in ranges:
+        arm.check.narrow("position", np.array([low]), np.array([high]))
+    assert arm.at(-0.9)
+    assert arm.at(1.9)
+    assert not arm.at(-1.1)
+    assert not arm.at(2.1)
+
+
+def test_each_sample_that_is_refused_is_counted_once() -> None:
+    arm = Arm().was_active()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    assert arm.check.refused == 0
+    for count in (1, 2, 3):
+        assert not arm.at(1e6 * count, 0.2)
+        assert not arm.at(*arm.place, new=False, cycles=4)
+        assert arm.check.refused == count
+        assert arm.at(0.1, 0.2)
+    arm.check.forget()
+    assert arm.check.refused == 3, "it is the count since the start"
+
+
 @pytest.mark.parametrize(
     ("signal", "inside", "outside"),
     [
@@ -289,3 +320,70 @@ def test_a_stamp_that_lies_ahead_hardly_widens_the_margin() -> None:
     arm.now += DT
     arm.arrays["position"][:] = 0.1 + SLACK["rad"] + 2.1 * SPEED * FAST * DT * 1e-9, 0.2
     assert not arm.check.take(arm.now + 10 * DT, arm.now)
+
+
+def test_an_element_without_a_name_is_called_by_its_number_and_one_alone_by_none() -> None:
+    signals = (
+        Signal(name="position", shape=(2, 3), unit="1", plausible=(-1.0, 1.0)),
+        Signal(name="single", shape=(), unit="1", plausible=(-1.0, 1.0)),
+    )
+    arm = Arm(signals=signals)
+    for i in range(6):
+        values = np.zeros((2, 3))
+        values.flat[i] = 9.0
+        arm.now += DT
+        arm.arrays["position"][:] = values
+        assert not arm.check.take(arm.now, arm.now)
+        assert arm.check.odd is not None
+        assert arm.check.odd.element == str(i // 3)
+        assert arm.check.last.startswith(f"position[{i // 3}] 9")
+    arm.now += DT
+    arm.arrays["position"][:], arm.arrays["single"][...] = 0.0, 9.0
+    assert not arm.check.take(arm.now, arm.now)
+    assert arm.check.odd is not None
+    assert (arm.check.odd.signal, arm.check.odd.element) == ("single", "")
+    assert arm.check.last.startswith("single 9")
+
+
+def test_until_it_is_settled_the_first_samples_are_shown() -> None:
+    arm = Arm().was_active()
+    for k in range(1, AGREE + 1):
+        arm.at(0.1, 0.2)
+        assert arm.place == [0.1, 0.2]
+        assert arm.check.settled == (k == AGREE)
+
+
+def test_a_velocity_that_is_not_that_of_its_position_is_replaced_and_nothing_beside_it() -> None:
+    signals = (*SIGNALS, Signal(name="force", shape=(3,), unit="N"))
+    arm = Arm(signals=signals).was_active()
+    arm.check.compare("position", "velocity")
+    arm.arrays["force"][:] = 1.0, 2.0, 3.0
+    q = 0.0
+    for k in range(100):
+        q += 1.0 * DT * 1e-9
+        arm.arrays["velocity"][:] = (5.0 if k >= 30 else 1.0), 0.0
+        assert arm.at(q, 0.2)
+        if k >= 40:
+            assert arm.arrays["velocity"] == pytest.approx([1.0, 0.0], abs=0.3)
+        assert arm.arrays["force"].tolist() == [1.0, 2.0, 3.0]
+    assert "velocity[one]" in arm.check.untrue
+    stands = arm.row.copy()
+    assert not arm.at(1e6, 0.2)
+    assert arm.row.tolist() == stands.tolist()
+
+
+def test_a_stamp_that_lies_ahead_widens_the_margin_by_one_cycle() -> None:
+    for cycles, taken in ((1.9, True), (2.1, False)):
+        arm = Arm().was_active()
+        arm.at(0.1, 0.2, cycles=AGREE)
+        arm.now += DT
+        arm.arrays["position"][:] = 0.1 + SLACK["rad"] + cycles * SPEED * FAST * DT * 1e-9, 0.2
+        assert arm.check.take(arm.now + 10 * DT, arm.now) == taken
+
+
+@pytest.mark.parametrize("step", [0.1, 0.2, -0.2])
+def test_a_joint_that_is_moved_at_once_as_fast_as_a_hand_can_is_believed_at_the_third_sample(step: float) -> None:
+    arm = Arm().was_active()
+    arm.at(0.0, 0.2, cycles=AGREE)
+    assert [arm.at(k * step, 0.2) for k in range(1, 6)] == [False, False, True, True, True]
+    assert not arm.check.jumped

@@ -330,3 +330,15 @@ def test_a_start_of_what_nobody_led_begins_at_gravity():
     joint.tau[0] = 9.0
     joint.guard.reset(joint.q)
     assert joint.tau[0] == joint.load
+
+
+@pytest.mark.parametrize("load", [4.0, -4.0])
+@pytest.mark.parametrize("asked", [E, -E])
+def test_beside_gravity_compensation_no_torque_exceeds_the_effort(load, asked):
+    joint = Joint(load=load)
+    for _ in range(20):
+        joint.guard.step(np.array([asked]), None, DT)
+    assert joint.tau[0] == np.clip(load + np.clip(asked - load, -E, E), -E, E)
+    for _ in range(20):
+        joint.guard.step(np.array([100.0 * asked]), None, DT)
+    assert joint.tau[0] == np.clip(load + asked, -E, E)

@@ -116,3 +116,28 @@ def test_an_old_position_is_not_retracted_from():
         guard.stop(Stop.RETRACT, 0.01)
     assert applied[0] == 0.0
     assert guard.at_rest
+
+
+@pytest.mark.parametrize(("category", "rest"), [(Stop.HOLD, None), (Stop.HOLD, np.array([0.5])), (Stop.RETRACT, None)])
+def test_a_stop_without_a_place_to_go_to_brakes_as_fast_as_it_may(category, rest):
+    axis = Axis(-0.5, rest=rest)
+    for _ in range(20):
+        axis.step(1.0)
+    assert axis.applied[0] == 1.0
+    for k in range(1, 11):
+        axis.stop(category)
+        assert axis.applied[0] == pytest.approx(1.0 - k * A * DT, abs=1e-12)
+        assert not axis.guard.at_rest or k == 10
+    axis.stop(category)
+    assert axis.guard.at_rest
+
+
+def test_without_a_clearance_each_joint_brakes_by_itself():
+    guard = guard_of(Kind.VELOCITY, 2, DT, velocity=V, acceleration=A)
+    guard.bind(np.zeros(2))
+    guard.reset(np.zeros(2))
+    for _ in range(30):
+        guard.step(np.array([1.0, -0.5]), None, DT)
+    for k in range(1, 13):
+        guard.stop(Stop.HOLD, DT)
+        assert guard.applied == pytest.approx([max(1.0 - k * A * DT, 0.0), min(-0.5 + k * A * DT, 0.0)], abs=1e-12)

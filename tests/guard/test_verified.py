@@ -84,6 +84,42 @@ def test_without_good_data_it_comes_to_rest_and_goes_on_with_it(kind, lost, monk
     assert scene.guard.velocity.any()
 
 
+@pytest.mark.parametrize("kind", [Kind.POSITION, Kind.VELOCITY])
+def test_a_limb_at_rest_too_near_to_something_is_not_held_and_one_that_wants_to_move_is_counted(kind):
+    scene = Scene(kind)
+    scene.disc[:] = 0.3, 0.09
+    assert scene.guard.verified is not None
+    for _ in range(5):
+        scene.step((0.0, 0.0))
+        assert not scene.held
+        assert scene.guard.verified.margin < 0
+    assert scene.guard.verified.holds == 0
+    for k in range(1, 4):
+        scene.step((0.5, 0.0))
+        assert scene.held
+        assert scene.guard.verified.holds == k
+
+
+@pytest.mark.parametrize("kind", [Kind.POSITION, Kind.VELOCITY])
+def test_a_limb_at_rest_needs_nobodys_leave_where_nothing_is_seen(kind):
+    scene = Scene(kind)
+    for _ in range(5):
+        scene.step((0.0, 0.0), seen=False)
+        assert not scene.held
+    scene.step((0.5, 0.0), seen=False)
+    assert scene.held
+    assert not scene.guard.velocity.any()
+
+
+@pytest.mark.parametrize("kind", [Kind.POSITION, Kind.VELOCITY])
+def test_before_the_first_look_nothing_moves(kind):
+    scene = Scene(kind)
+    for _ in range(3):
+        scene.guard.step(np.array([0.5, 0.5]), None, DT)
+        assert scene.held
+        assert not scene.guard.velocity.any()
+
+
 def test_a_limb_that_is_too_near_may_creep_away_and_nothing_else():
     scene = Scene(start=(0.0, 0.0))
     scene.disc[:] = 0.3, 0.09  # 0.01 m from the first link, to its left

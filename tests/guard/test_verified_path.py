@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from srl.runtime.contracts.clearance import Braking
 from srl.runtime.contracts.signals import Kind, Stop
-from srl.runtime.guard.base import LONGEST
+from srl.runtime.guard.base import LONGEST, PROMPT
 from srl.runtime.guard.verified import brake_together
 
 
@@ -60,6 +60,37 @@ def test_a_velocity_is_checked_as_if_the_loop_came_late_or_not_at_all(timeout, m
     assert until[1:4] == pytest.approx([LAG, LAG + DT, LAG + DT + late])
 
 
+@pytest.mark.parametrize("kind", [Kind.POSITION, Kind.VELOCITY])
+def test_the_stop_that_is_carried_out_is_the_one_that_was_checked(kind):
+    """In its places, and in the time until which the limb may be on its way to each."""
+    scene, seen = Scene(kind, start=(-1.0, 0.0)), list[Braking]()
+    judge = scene.clearance.clear
+
+    def keep(motion: Braking) -> bool:
+        seen.append(Braking(motion.path.copy(), motion.until.copy(), motion.velocity.copy(), motion.slack.copy()))
+        return judge(motion)
+
+    scene.clearance.clear = keep  # type: ignore[method-assign]
+    for _ in range(40):
+        scene.step((1.0, 0.5) if kind is Kind.POSITION else (1.2, 0.7))
+    checked, velocity = seen[-1], scene.guard.velocity.copy()
+    assert not scene.held
+    T = (abs(velocity) / A).max()
+    begin = checked.path[-1] - velocity * T / 2
+    if kind is Kind.POSITION:
+        assert begin == pytest.approx(scene.applied)
+    stop = [p for p in range(len(checked.path)) if checked.path[p] == pytest.approx(begin)][-1]
+    path, times = checked.path[stop:], checked.until[stop:] - checked.until[stop]
+    assert times[-1] == pytest.approx(T)
+    assert len(path) >= 10
+    assert (np.abs(np.diff(path, axis=0)) @ [0.55, 0.25]).max() <= 0.0101, "a limb moves by 0.01 m between samples"
+    assert path == pytest.approx(begin + np.outer(times - times**2 / (2 * T), velocity))
+    if kind is Kind.POSITION:
+        for _ in range(round(T / DT) + 2):
+            scene.stop()
+        assert scene.applied == pytest.approx(checked.path[-1])
+
+
 def test_retract_is_checked_too():
     scene = Scene(start=(-1.0, 0.0))
     scene.guard.rest = [1.0, 0.0]
@@ -89,7 +120,7 @@ def test_with_a_bounded_jerk_the_stop_that_is_carried_out_is_the_one_that_was_ch
         scene.step((1.0, 0.5))
     checked = seen[-1]
     assert not scene.held
-    times = checked.until[1:] - LAG - LONGEST * DT
+    times = checked.until[1:] - LAG - PROMPT * DT
     at = [scene.applied.copy()]
     for _ in range(round(times[-1] / DT) + 2):
         scene.stop()

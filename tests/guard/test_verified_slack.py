@@ -22,6 +22,20 @@ def test_the_slack_is_what_is_measured_where_that_is_more():
         assert scene.guard.verified._slack == pytest.approx([0.01, slack])
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_joint_is_compared_with_its_own_commands(side, joint):
+    """The other one is where this one has been pushed to."""
+    scene, start = Scene(start=(-0.5 * side, 0.5 * side)), np.array([-0.5 * side, 0.5 * side])
+    assert scene.guard.verified is not None
+    for _ in range(5):
+        scene.step(start)
+    scene.at[joint] += side * (0.3 if joint == 0 else -0.3)
+    scene.look()
+    scene.guard.step(start, None, DT)
+    assert scene.guard.verified._slack == pytest.approx([0.3, 0.0] if joint == 0 else [0.0, 0.3])
+
+
 def test_the_slack_is_measured_while_the_guard_halts_too():
     """A hand takes the limb during a stop, or while the command is none: the first cycle after it must know."""
     for halt in ("stop", "nan"):

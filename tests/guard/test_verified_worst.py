@@ -10,6 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from srl.runtime.contracts.signals import Array, Kind
+from srl.runtime.guard.base import PROMPT
 from srl.runtime.guard.verified import brake_together, stop_time
 
 
@@ -82,31 +83,37 @@ def stoppable(pieces, age, seed):
             way = middle - scene.disc
             turn = rng.normal(size=2)
             for aim in (way / np.linalg.norm(way), turn / np.linalg.norm(turn)):
-                for stall in (0.0, 4 * DT):
+                for stall in (0.0, (PROMPT - 1) * DT):
                     assert worst(scene, states, before, aim, stall) >= C - 1e-6
 
 
 @pytest.mark.slow
-@given(st.sampled_from([Kind.POSITION, Kind.VELOCITY]), st.sampled_from([None, 150.0]), st.integers(0, 2**32 - 1))
-@settings(max_examples=15, deadline=None, phases=[Phase.generate])
-def test_no_disc_within_its_acceleration_meets_an_arm_that_moves(kind, jerk, seed):
+@given(
+    st.sampled_from([Kind.POSITION, Kind.VELOCITY]), st.sampled_from([None, 150.0]), st.sampled_from([0.0, 0.1]),
+    st.integers(0, 2**32 - 1),
+)  # fmt: skip
+@settings(max_examples=30, deadline=None, phases=[Phase.generate])
+def test_no_disc_within_its_acceleration_meets_an_arm_that_moves(kind, jerk, stalls, seed):
     """It hunts the arm, seen 20 ms late; the arm obeys 30 ms late. What is nearer than C finds the arm at rest, or
-    creeping."""
+    creeping. A share of the cycles comes up to five periods late: the disc goes on meanwhile."""
     rng = np.random.default_rng(seed)
     scene = Scene(kind, start=(-2.0, 0.5), late=3, age=0.02, jerk=jerk)
     disc, speed, seen = rng.uniform(-0.8, 0.8, 2), np.zeros(2), []
     if distances(scene.at[None], disc)[0].min() < 0.1:
         disc += 2.0
-    goal, hunts, moved = scene.at.copy(), True, 0
+    goal, hunts, moved, late = scene.at.copy(), True, 0, 0
     for k in range(300):
         if k % 50 == 0:
             goal, hunts = rng.uniform(-2.5, 2.5, 2), rng.random() < 0.7
         seen.append((disc.copy(), speed.copy()))
-        then = seen[max(k - 2, 0)]
-        scene.disc[:], scene.speed[:] = then
-        desired = goal if kind is Kind.POSITION else np.clip(3 * (goal - scene.at), -1.5, 1.5)
         before, near = scene.at.copy(), distances(scene.at[None], disc)
-        scene.step(desired)
+        if late < 4 and rng.random() < (0.7 if late else stalls):
+            late += 1
+            scene.wait()
+        else:
+            scene.disc[:], scene.speed[:] = seen[max(k - 2, 0)]
+            scene.step(goal if kind is Kind.POSITION else np.clip(3 * (goal - scene.at), -1.5, 1.5), late=late)
+            late = 0
         push = near[1][0, near[0][0].argmin()] if hunts else rng.normal(size=2)
         if np.linalg.norm(speed) > 1.2:
             push = -speed  # so fast is no limb

@@ -56,9 +56,15 @@ class Scene:
         stamp = self.now - round(self.age * 1e9) if seen else -1
         self.guard.verified.begin(self.now, {"centre": stamp, "velocity": stamp}, self.measured)
 
-    def step(self, desired: Any, seen: bool = True) -> None:
+    def step(self, desired: Any, seen: bool = True, late: int = 0) -> None:
+        """A cycle. late: periods by which it comes late, as many times as `wait` was called before."""
         self.look(seen)
-        self.guard.step(np.array(desired, np.float64), None, DT)
+        self.guard.step(np.array(desired, np.float64), None, (1 + late) * DT)
+        self._obey()
+
+    def wait(self) -> None:
+        """A period without a cycle: the arm has its last command."""
+        self.now += round(DT * 1e9)
         self._obey()
 
     def stop(self, category: Stop = Stop.HOLD) -> None:

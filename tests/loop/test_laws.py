@@ -116,3 +116,21 @@ def test_in_a_stop_a_law_weighs_on_until_it_fails_and_again_after_a_reset(
     called.clear()
     monkeypatch.setattr(registry, "load", _load)
     assert replay(b.graph.layout, b.rows()[:-1], "toy").identical
+
+
+def test_in_a_stop_a_law_weighs_what_its_inputs_are_then(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[float, float]] = []
+    monkeypatch.setattr(
+        Law, "update_gravity", lambda law, dt: seen.append((law.input["x"][0], b.hand.values["position"][0]))
+    )
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        b.hand.values["position"][:] = 0.3 * np.sin(0.05 * k)
+        if k == 50:
+            b.ask("stop")
+
+    b.run(100, script)
+    assert len(seen) > 40
+    assert all(read == there for read, there in seen)
+    assert len({read for read, _ in seen}) > 40

@@ -11,6 +11,7 @@ from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConf
 from srl.control.skeleton.capsules import nearest
 from srl.control.skeleton.envelope import link_nodes
 from srl.runtime.contracts.signals import Array, Command, Kind
+from srl.runtime.guard.base import PROMPT
 from srl.runtime.guard.verified import brake_together, stop_time
 from srl.runtime.models.models import ArmsModel
 
@@ -97,7 +98,7 @@ def least(seed: int, seconds: float = 4.0) -> tuple[float, int]:
         random = rng.normal(size=(len(judge._ends), 3))
         for push in (towards(judge, applied), random / np.linalg.norm(random, axis=1)[:, None]):
             for lags in (rng.uniform(0, LAG, 7), LAG * rng.integers(0, 2, 7)):
-                for stall in (0.0, 4 * DT):
+                for stall in (0.0, (PROMPT - 1) * DT):
                     found = min(found, worst(judge, commanded, states, lags, stall, push))
     return found, count
 
