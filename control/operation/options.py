@@ -5,19 +5,16 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Annotated, ClassVar, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from srl.control.operation import record
 from srl.control.operation.demonstration import Thresholds
-from srl.control.operation.replay import JointRanges, ReplayOptions
-from srl.control.skeleton.options import EnvelopeOptions
+from srl.control.operation.replay import ReplayOptions
+from srl.control.skeleton.ranges import RangeOptions
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import OptionError, nearest
 from srl.runtime.contracts.files import FileOption, KeptFile
 from srl.runtime.contracts.options import Options
-from srl.runtime.contracts.per_element import Finite, Positive, in_order
-from srl.runtime.contracts.signals import Array
 from srl.runtime.models import record_file
 
 _TaskFile = Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE independent-operation`")]
@@ -37,7 +34,7 @@ class IntentionOption(Options):
         return self
 
 
-class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
+class IndependentOperationConfig(RangeOptions, ControllerConfig):
     """Options of `independent-operation`."""
 
     renamed: ClassVar[dict[str, str]] = {"patience": "timeout"}
@@ -53,31 +50,10 @@ class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
     intention: IntentionOption | None = Field(None, description="input `action`: named actions run and pause it")
     teach: bool = Field(False, description="input `teach`: while it is 1, the hand shows a task")
     repeats: int | None = Field(1, ge=1, description="how often a start does the task; null: until it is paused")
-    lower: dict[str, Finite] = Field(description="rad or m, of each joint")
-    upper: dict[str, Finite] = Field(description="rad or m, of each joint")
-    velocity: dict[str, Positive] = Field(description="rad/s or m/s, of each joint; the guard's or less")
-    acceleration: dict[str, Positive] = Field(description="rad/s^2 or m/s^2, of each joint; the guard's or less")
-    posture: dict[str, Finite] | None = Field(
-        None, description="rad or m, of each joint: where it goes as far as the task lets it; null: mid-range"
-    )
     timeout: float = Field(0.1, ge=0.0, lt=2.0, description="s without body, button or position before they are lost")
     replay: ReplayOptions = ReplayOptions()
     thresholds: Thresholds = Thresholds()
     frame: str | None = Field(None, description="frame of the profile's tree that the suit's world is")
-
-    @cached_property
-    def ranges(self) -> JointRanges:
-        """The joints' limits in the arm's order. Raises OptionError."""
-        labels = self.arms.arms.labels
-        values: list[Array] = []
-        for key in ("lower", "upper", "velocity", "acceleration", "posture"):
-            if getattr(self, key) is None:
-                continue
-            try:
-                values.append(np.array(in_order(getattr(self, key), labels), dtype=float))
-            except OptionError as error:
-                raise OptionError(f"{key}: {error.problem}", error.remedy) from None
-        return JointRanges(*values)
 
     @cached_property
     def shown(self) -> record.TaskRecord | None:
@@ -95,8 +71,6 @@ class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if (self.ranges.q_lower >= self.ranges.q_upper).any():
-            raise OptionError("a lower limit isn't below its upper one", "Exchange them")
         if self.hand not in self.figure.tree.names:
             raise OptionError(f"the body has no node '{self.hand}'", nearest(self.hand, self.figure.tree.names))
         if not (self.button or self.intention):

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from srl.control.operation.demonstration import PERIOD, TaskError, TaskPath
-from srl.control.operation.replay import JointRanges
 from srl.control.operation.worn import Worn
+from srl.control.skeleton.ranges import JointRanges
 from srl.runtime.contracts.signals import Array
 
 NEAR: Final = 0.005  # m: a point is reached within it

@@ -39,6 +39,7 @@ from pydantic import Field
 from srl.control.cobot.whole_body_qp import ITERATIONS, Approach, LimitsConfig
 from srl.control.operation.demonstration import TaskPath
 from srl.control.operation.worn import Pairs
+from srl.control.skeleton.ranges import JointRanges
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
@@ -71,18 +72,6 @@ class ReplayOptions(Options):
     singular: float = Field(
         0.03, gt=0.0, lt=0.5, description="m/s that the weakest direction gives at full joint speed"
     )
-
-
-class JointRanges:
-    """The joints' limits, as `Approach` takes them, and the posture that the arm goes to where it may. Arrays (n,)."""
-
-    def __init__(
-        self, lower: Array, upper: Array, speed: Array, acceleration: Array, posture: Array | None = None
-    ) -> None:
-        """`posture`: rad or m; None: the middle of the ranges."""
-        self.n = len(lower)
-        self.posture = 0.5 * (lower + upper) if posture is None else posture
-        self.q_lower, self.q_upper, self.dq_max, self.ddq_max = lower, upper, speed, acceleration
 
 
 class Replay:

@@ -8,8 +8,8 @@ import numpy as np
 
 from srl.control.operation.demonstration import LONGEST, TaskError, TaskPath, Thresholds, path_of
 from srl.control.operation.reach import Reach
-from srl.control.operation.replay import JointRanges
 from srl.control.operation.worn import Worn
+from srl.control.skeleton.ranges import JointRanges
 from srl.runtime.contracts.signals import Array
 
 _SPACING: Final = 0.005  # s, the least between two samples that are kept

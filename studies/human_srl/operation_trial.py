@@ -15,11 +15,12 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from srl.control.operation.demonstration import PERIOD, TaskPath
-from srl.control.operation.replay import JointRanges, Replay, ReplayOptions
+from srl.control.operation.replay import Replay, ReplayOptions
 from srl.control.operation.worn import Worn
 from srl.control.skeleton.human import human
 from srl.control.skeleton.human_srl import HumanSrl
 from srl.control.skeleton.options import EnvelopeOptions
+from srl.control.skeleton.ranges import JointRanges
 from srl.runtime.contracts.clearance import NEVER
 from srl.studies.human_srl.contacts import Contact, Contacts
 from srl.studies.human_srl.reaching import Reaching

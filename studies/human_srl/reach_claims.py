@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from srl.runtime.contracts.signals import Array
+from srl.studies.human_srl import goals_claims
 from srl.studies.human_srl.contacts import BLAME
 from srl.studies.human_srl.intervals import most, over_wearers, share
 from srl.studies.human_srl.part import NAME, Part
@@ -35,17 +36,19 @@ _QUICK: Final = 2  # motions
 def claims(runner: Runner, folder: Path, quick: bool) -> Part:
     """Runs the trials; see `part.py`."""
     asked = {arm: tasks(_QUICK if quick else MOTIONS, attack) for arm, attack in ARMS.items()}
+    for arm, (attack, seconds) in goals_claims.ARMS.items():
+        asked[arm] = tasks(_QUICK if quick else goals_claims.MOTIONS, attack, seconds)
     rows = runner.by_label(asked, folder / "reach")
     return analysed({arm: [plain(row.task, row.values) for row in own] for arm, own in rows.items()})
 
 
-def tasks(count: int, attack: Mapping[str, Any]) -> list[TrialTask]:
+def tasks(count: int, attack: Mapping[str, Any], seconds: float = SECONDS) -> list[TrialTask]:
     """The first motions, those of all wearers in turn: motion k is that of wearer k, k - 50 and so on."""
     who = [asdict(one) for one in wearers()]
     return [
         TrialTask.of(
             NAME, "human-srl-reach", seed,
-            {"wearer": who[(seed - 1) % len(who)], "attack": dict(attack), "seconds": SECONDS}, profile=PROFILE,
+            {"wearer": who[(seed - 1) % len(who)], "attack": dict(attack), "seconds": seconds}, profile=PROFILE,
         )
         for seed in range(1, count + 1)
     ]  # fmt: skip
@@ -53,21 +56,29 @@ def tasks(count: int, attack: Mapping[str, Any]) -> list[TrialTask]:
 
 def plain(task: TrialTask, values: Mapping[str, Any]) -> dict[str, Any]:
     """What the analysis needs of a row."""
-    return {"motion": task.seed, "wearer": task.parameters["wearer"]["name"], **values}
+    who, seconds = task.parameters["wearer"]["name"], task.parameters["seconds"]
+    return {"motion": task.seed, "wearer": who, "seconds": seconds, **values}
 
 
 def analysed(rows: Mapping[str, Rows]) -> Part:
-    """Judges the claims by rows of each of `ARMS`. Motions that one of them lacks are left out of all."""
+    """Judges the claims by rows of each of `ARMS`, of which motions that one lacks are left out of both, and of those
+    of `goals_claims`."""
+    long, still = (rows.get(arm, []) for arm in goals_claims.ARMS)
+    rows = {arm: rows[arm] for arm in ARMS}
     both = set.intersection(*({row["motion"] for row in own} for own in rows.values()))
     rows = {arm: [row for row in own if row["motion"] in both] for arm, own in rows.items()}
     if not both:
-        return Part([_unmeasured("no-blame"), _unmeasured("goals-reached")])
+        return Part([_unmeasured(name) for name in ("no-blame", "goals-reached", *goals_claims.LEAST)])
     table = [line({"arm": arm, "wearer": "all"}, own) for arm, own in rows.items()]
     for arm in (OFF, ON):
         for words, beyond in (("within a_e", False), ("quicker", True)):
             if chosen := [row for row in rows[arm] if (row["beyond"] > 1.0) == beyond]:
                 table.append(line({"arm": arm, "wearer": words}, chosen))
-    return Part([_no_blame(rows), _goals(rows)], table)
+    for arm, own in ((goals_claims.LONG, long), (goals_claims.STILL, still)):
+        if own:
+            table.append(line({"arm": arm, "wearer": "all"}, own))
+    further = goals_claims.claims(rows[ON], long, still, rows[OFF])
+    return Part([_no_blame([*rows[ON], *long, *still], rows[OFF]), _goals(rows), *further], table)
 
 
 def line(first: Mapping[str, Any], rows: Rows) -> dict[str, Any]:
@@ -94,14 +105,13 @@ def line(first: Mapping[str, Any], rows: Rows) -> dict[str, Any]:
         "reached, %": 100.0 * reached / tried if tried else None,
         "low": 100.0 * low,
         "high": 100.0 * high,
-        "a minute": 60.0 * reached / (n * SECONDS) if n else None,
+        "a minute": 60.0 * reached / sum(float(row["seconds"]) for row in rows) if n else None,
         "held, %": 100.0 * float(np.mean([row["held"] for row in rows])) if n else None,
         "m/s2": max((float(row["acceleration"]) for row in rows), default=0.0),
     }
 
 
-def _no_blame(rows: Mapping[str, Rows]) -> Claim:
-    on, off = rows[ON], rows[OFF]
+def _no_blame(on: Rows, off: Rows) -> Claim:
     blamed = sum(int(row["blamed"]) + int(row["blamed_left_out"]) for row in on)
     guilty = sum(bool(row["blamed"] or row["blamed_left_out"]) for row in on)
     quick = sum(row["beyond"] > 1.0 for row in on)

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from srl.studies.human_srl.goals_claims import PACE_STILL
 from srl.studies.human_srl.reach_claims import ARMS, line, plain, tasks
 from srl.studies.tasks.runner import Runner
 
 MOTIONS: Final = 8
-_STILL: Final = 0.02  # of the pace: the first reach has hardly begun when the motion ends
 _STANDARD: Final = [-0.10, -0.05, 0.20]  # m, the base of the model where a profile gives none
 
 
@@ -21,8 +21,8 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Group, words, and what is changed. The first group is the page's table."""
     for words, attack in ARMS.items():
         yield "attacks", words, attack
-    yield "attacks", "with the law retreat", {"retreat": True}
-    yield "attacks", "retreat, no clearance", {"guarded": False, "retreat": True}
+    yield "attacks", "with the law reach", {"planned": True}
+    yield "attacks", "reach, no clearance", {"guarded": False, "planned": True}
     yield "attacks", "30 % of the frames lost", {"drop": 0.3}
     yield "attacks", "suit repeats one frame for 4 s", {"freeze": [4.0, 8.0]}
     yield "attacks", "servos twice as late as told", {"servo": 2.0}
@@ -55,8 +55,8 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "servo lag", f"servos {lag:g} s late, told", {"lag": lag}
     yield "tracking", "joints within 0.001 of their commands, told", {"tracking": 0.001}
     yield "pace", "wearer half as quick", {"pace": 0.5}
-    yield "pace", "wearer stands still", {"pace": _STILL}
-    yield "pace", "wearer stands still, no clearance", {"pace": _STILL, "guarded": False}
+    yield "pace", "wearer stands still", {"pace": PACE_STILL}
+    yield "pace", "wearer stands still, no clearance", {"pace": PACE_STILL, "guarded": False}
     yield "base", "the model's standard base", {"base": _STANDARD}
     yield "base", "the model's standard base, no clearance", {"base": _STANDARD, "guarded": False}
 

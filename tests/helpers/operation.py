@@ -12,10 +12,11 @@ from helpers.skeleton import human_srl
 from srl.control.operation.demonstration import PERIOD, TaskPath
 from srl.control.operation.law import IndependentOperation, Mode
 from srl.control.operation.options import IndependentOperationConfig
-from srl.control.operation.replay import JointRanges, Replay, ReplayOptions
+from srl.control.operation.replay import Replay, ReplayOptions
 from srl.control.operation.worn import Worn
 from srl.control.skeleton.envelope import Envelope
 from srl.control.skeleton.kinematics import Kinematics
+from srl.control.skeleton.ranges import JointRanges
 from srl.runtime.contracts.rotation import product
 from srl.runtime.contracts.signals import Array
 

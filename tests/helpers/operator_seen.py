@@ -15,7 +15,7 @@ class Seen:
 
     def __init__(self, loop: OperatedLoop, process: OperatorPage, page: Page) -> None:
         self.loop, self.process, self.page = loop, process, page
-        self._down: dict[str, object] = {}
+        self._anew: tuple[tuple[str, dict[str, object]], ...] = ()  # lets go what is down, and presses it again
 
     def now(self, key: str) -> Any:
         """What the newest frame shows."""
@@ -42,8 +42,19 @@ class Seen:
         until(lambda: self.now("control"))
 
     def key(self, kind: str, **key: object) -> None:
-        self.page.ask("Input.dispatchKeyEvent", type=kind, **key)
-        self._down = key if kind == "rawKeyDown" else {}
+        """A key goes down (`rawKeyDown`) or up (`keyUp`)."""
+        self._act("Input.dispatchKeyEvent", kind, {"rawKeyDown": key, "keyUp": key})
+
+    def mouse(self, kind: str, **place: object) -> None:
+        """The first button of a mouse goes down (`mousePressed`) or up (`mouseReleased`) at a place of `higher`."""
+        events = {"mousePressed": {"buttons": 1}, "mouseReleased": {"buttons": 0}}
+        self._act("Input.dispatchMouseEvent", kind, {k: {"button": "left"} | v | place for k, v in events.items()})
+
+    def _act(self, method: str, kind: str, events: dict[str, dict[str, object]]) -> None:
+        """`events`: what each of down and up says."""
+        self.page.ask(method, type=kind, **events[kind])
+        down, up = ((method, {"type": each} | event) for each, event in events.items())
+        self._anew = (up, down) if kind == down[1]["type"] else ()
 
     def higher(self, joint: int) -> dict[str, Any]:
         """A mouse on the button that moves a joint to higher values."""
@@ -58,14 +69,19 @@ class Seen:
         until(lambda: self.now("frames") > seen + frames)
 
     def held(self) -> None:
-        """Waits until a key that is held makes presses. Where the machine was too slow, it is pressed anew."""
+        """Waits until what is held makes presses.
+
+        The page lets go what is held where pictures came late, and its control ends where it was silent for long: a
+        host under load does both. It is pressed anew then, as a person does.
+        """
         before = len(self.loop.presses)
 
         def made() -> bool:
-            if self._down and not self.now("jogging"):
-                down = self._down
-                self.key("keyUp", **down)
-                self.key("rawKeyDown", **down)
+            if self._anew and not self.now("jogging"):
+                if not self.now("control"):
+                    self.control()
+                for method, event in self._anew:
+                    self.page.ask(method, **event)
             return sum(p["way"] == 1 for _, p in self.loop.presses[before:]) > 5
 
         until(made)

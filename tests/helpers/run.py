@@ -63,7 +63,7 @@ def alive(pid: int) -> bool:
     """Whether a process is there and not merely waiting to be reaped."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # the latter: it ended between the file's opening and its reading
         return False
 
 
@@ -149,7 +149,10 @@ class Running:
         """Process ids of loop, bus, recorder and viewer."""
         found = {}
         for path in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
-            line = Path(f"/proc/{path}/cmdline").read_bytes().decode().split("\0")
+            try:
+                line = Path(f"/proc/{path}/cmdline").read_bytes().decode().split("\0")
+            except (FileNotFoundError, ProcessLookupError):  # it has just ended
+                continue
             for name in ("loop", "bus", "ros2", "recorder", "viewing", "foxglove"):
                 if {f"srl.runtime.{name}", f"srl.runtime.web.{name}"} & set(line):
                     found[name] = int(path)

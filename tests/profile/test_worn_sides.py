@@ -10,14 +10,18 @@ from srl.runtime.profile import profile, wiring
 RIGHT, LEFT = "guard.right.position_command.clear", "guard.left.position_command.clear"
 # Without the law `skeleton`, which the profile's frame for pictures reads.
 FRAMES = ("frames={world: {}, suit: {parent: world, quaternion: [0.5, 0.5, 0.5, 0.5]}}",)
+LIMITS = ", ".join(
+    f"{key}: {{{', '.join(f'J{i}: {value}' for i in range(1, 8))}}}"
+    for key, value in (("lower", -1), ("upper", 1), ("velocity", 0.8), ("acceleration", 4))
+)
 SUIT = "rotation: suit.rotation, translation: suit.translation"
 
 
 def laws(*more: str, right: str = "right", left: str = "left") -> str:
     """Each arm follows the other one, by a law that is told these sides; and further laws."""
     made = [
-        f"{{use: retreat, name: {q}-motion, side: {side}, in: {{{SUIT}, target: {target}.position}}, "
-        f"out: {{q: {q}.position_command}}}}"
+        f"{{use: reach, name: {q}-motion, side: {side}, in: {{{SUIT}, target: {target}.position}}, {LIMITS}, "
+        f"out: {{q: {q}.position_command, q_velocity: {q}.position_command.velocity}}}}"
         for q, target, side in (("right", "left", right), ("left", "right", left))
     ]
     return f"controllers=[{', '.join((*made, *more))}]"

@@ -18,8 +18,18 @@ from srl.control.skeleton.human_srl import HumanSrl
 from srl.control.skeleton.options import EnvelopeOptions
 from srl.runtime.profile import profile
 from srl.studies.command import _print_table
-from srl.studies.human_srl import matrices, nodes_claims, nodes_trial, reach_claims, reach_sweep, reach_trial, study
+from srl.studies.human_srl import (
+    goals_claims,
+    matrices,
+    nodes_claims,
+    nodes_trial,
+    reach_claims,
+    reach_sweep,
+    reach_trial,
+    study,
+)
 from srl.studies.human_srl.contacts import Contacts, girths
+from srl.studies.human_srl.goals_claims import LONG, STILL
 from srl.studies.human_srl.intervals import most, over_wearers, share
 from srl.studies.human_srl.reach_claims import OFF, ON
 from srl.studies.human_srl.reaching import AVERAGE, Reaching
@@ -259,7 +269,8 @@ def rows(blamed: int, reached_: int, motions: int = 200, **more: Any) -> list[di
         {
             "motion": k, "wearer": f"W{k % 50}", "contacts": 5, "rest": 4, "blamed": int(k < blamed), "left_out": 0,
             "blamed_left_out": 0, "pushed": 2 * int(k < blamed), "fastest": 0.1, "tried": 4, "reached": reached_,
-            "times": "[2.0, null]", "held": 0.1, "acceleration": 3.0, "beyond": 0.5 + (k % 2), **more,
+            "times": "[2.0, null]", "held": 0.1, "acceleration": 3.0, "beyond": 0.5 + (k % 2), "seconds": 12.0,
+            "open": "[0.5, 0.0]", "stands": 1.5, "jerk": 100.0, **more,
         }
         for k in range(motions)
     ]  # fmt: skip
@@ -291,11 +302,26 @@ def test_goals_reached_is_the_ratio_of_the_shares() -> None:
     assert "of 200 first goals that both reach, it takes 2.00 times as long" in slower.text
 
 
+def test_goals_in_time_are_shares_of_what_an_arm_without_a_clearance_reaches() -> None:
+    off, on, long, still = rows(80, 4), rows(0, 3), rows(0, 4, 100), rows(0, 3, 100)
+    part = reach_claims.analysed({OFF: off, ON: on, LONG: long, STILL: still})
+    found = {claim.id: claim for claim in part.claims}
+    assert {name: found[name].measured for name in goals_claims.LEAST} == {
+        "goals-in-6-s": 0.75, "goals-in-18-s": 1.0, "goals-beside-still": 0.75
+    }  # fmt: skip
+    assert [found[name].holds for name in goals_claims.LEAST] == [True, True, False]
+    assert "could rest at 50 % of these goals in some look, in 25 % of the looks" in found["goals-in-6-s"].text
+    assert "stand-still of a motion 1.5 s" in found["goals-in-6-s"].text
+    assert found["no-blame"].holds
+    hurt = reach_claims.analysed({OFF: off, ON: on, LONG: rows(1, 4, 100), STILL: still})
+    assert not {claim.id: claim for claim in hurt.claims}["no-blame"].holds, "those motions count, too"
+
+
 def test_motions_that_one_arm_of_the_study_lacks_are_left_out_of_both() -> None:
     part = reach_claims.analysed({OFF: rows(80, 4), ON: rows(0, 3)[10:]})
     assert [line["motions"] for line in part.table[:2]] == [190, 190]
     assert part.table[0]["blamed"] == 70
-    assert [claim.holds for claim in reach_claims.analysed({OFF: [], ON: rows(0, 3)}).claims] == [False, False]
+    assert [claim.holds for claim in reach_claims.analysed({OFF: [], ON: rows(0, 3)}).claims] == 5 * [False]
 
 
 def test_the_interval_over_wearers_is_that_of_their_shares() -> None:

@@ -31,6 +31,8 @@ RIGHT, LEFT = b"\x1b[C", b"\x1b[D"
 TAKE = "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); os.execv(sys.argv[1], sys.argv[1:])"
 CONTROLLED = [sys.executable, "-c", TAKE]
 APPLIED = "finger.position_command.applied"
+LATE = ("intent_loss terminal", "overrun")  # faults that a host under load makes: the keys or the loop come late
+AGAIN = 0.5  # s after which a key that had no effect is pressed again
 
 
 class Jogging:
@@ -80,8 +82,28 @@ class Jogging:
     def state(self) -> State:
         return State(int(self.row[CYCLE.state]))
 
+    @property
+    def latches(self) -> Latch:
+        return Latch(int(self.row[CYCLE.latches]))
+
     def type(self, data: bytes) -> None:
         os.write(self.terminal, data)
+
+    def ask(self, key: bytes, condition: Callable[[], object], what: str) -> None:
+        """Presses a key until it is granted, as a person does.
+
+        A loop that a host under load made late answers too late, or refuses a start and a reset for that second.
+        """
+
+        def press() -> None:
+            nonlocal due
+            self.step()
+            if time.monotonic() >= due:
+                due = time.monotonic() + AGAIN
+                self.type(key)
+
+        due = 0.0
+        until(condition, press, what=lambda: f"{what}: {self.screen[-2000:]!r}")
 
     def hold(self, data: bytes, presses: int) -> None:
         """A key that is held: each repeat follows once its press has arrived."""
@@ -101,6 +123,7 @@ class Jogging:
         return np.array(RingReader(self.folder.rows).take(1 << 20))
 
     def ended(self, *codes: int) -> None:
+        """Waits for the end, with one of the codes; by default without a fault, but for one by a host under load."""
         end = time.monotonic() + 30.0
         while self.process.poll() is None and time.monotonic() < end:
             try:
@@ -108,9 +131,10 @@ class Jogging:
             except OSError:
                 pass
             time.sleep(0.01)
-        out, self.output = self.process.communicate(timeout=1)
-        assert self.process.returncode in (codes or (0,)), (self.process.returncode, out, self.output)
-        self.output = self.output or ""
+        out, output = self.process.communicate(timeout=10)
+        self.output = output or ""
+        well = (0, 1) if any(f"({fault})" in self.output for fault in LATE) else (0,)
+        assert self.process.returncode in (codes or well), (self.process.returncode, out, self.output)
         assert "Traceback" not in self.output
 
     @property
@@ -151,7 +175,7 @@ def test_keys_move_and_stop_and_reset(tmp_path: Path) -> None:
     with jogging(tmp_path, "--set", "start=manual") as run:
         run.type(RIGHT)  # before it takes the keys: it counts for nothing
         run.until(lambda: b"s start" in run.screen, "the screen")
-        run.type(b"s")
+        run.ask(b"s", lambda: b"active" in run.screen, "the start")
         run.started()
         rows = run.taken()
         assert np.ptp(run.layout.value(rows, APPLIED)[10:], axis=0).max() == 0.0
@@ -160,16 +184,14 @@ def test_keys_move_and_stop_and_reset(tmp_path: Path) -> None:
         place = float(run.layout.value(run.row, APPLIED)[0])
         assert place > HOLD * 0.1  # more than one tap
         run.type(b" ")
-        run.until(lambda: run.state is State.STOPPED, "the stop")
-        assert Latch(int(run.row[CYCLE.latches])) == Latch.PERSON
+        run.until(lambda: run.state is State.STOPPED and run.latches & Latch.PERSON, "the stop")
         run.type(RIGHT * 3)
         run.until(lambda: b"latched: person" in run.screen, "the stop on the screen")
         still = len(run.taken())
         run.until(lambda: len(run.taken()) > still + 50, "rows of the stop")
         stopped = run.taken()[still:]
         assert np.ptp(run.layout.value(stopped, APPLIED), axis=0).max() == 0.0
-        run.type(b"r")
-        run.until(lambda: run.state is State.ACTIVE, "the reset")
+        run.ask(b"r", lambda: run.state is State.ACTIVE, "the reset")
         run.type(b"\x1b")
         run.until(lambda: run.state is State.STOPPED, "the stop by Esc")
         run.type(b"q")
@@ -247,4 +269,4 @@ def test_one_instance_runs_once(tmp_path: Path) -> None:
             assert "it is running already" in output
             assert other.process.returncode == 2
         run.type(b"q")
-        run.ended(0, 1)  # beside two more programs it may have been late with its keys, which is a fault
+        run.ended()

@@ -342,9 +342,9 @@ def test_the_arm_runs_into_a_wearer_who_doesn_t_look_only_without_a_clearance():
         Attack(freeze=(1.0, 3.0)),
         Attack(servo=2.0),
         Attack(delay=0.1, clear={"latency": 0.1}),
-        Attack(retreat=True),
+        Attack(planned=True),
     ],
-    ids=["dropped", "frozen", "servo", "delayed", "retreat"],
+    ids=["dropped", "frozen", "servo", "delayed", "reach"],
 )
 def test_attacks_that_it_knows_of_or_sees_leave_no_blame(attack):
     """Lost frames and a frozen suit make the pose old; a slow servo is measured; a delay that is told is counted."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
+from srl.control.reach.options import ReachConfig
 from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
 from srl.control.skeleton.collision import CollisionConfig
-from srl.control.skeleton.retreat import RetreatConfig
 from srl.control.strap.law import StrapBaseConfig
 from srl.runtime.cli import main
 from srl.runtime.contracts.errors import SrlError, WiringError
@@ -20,13 +20,16 @@ CLEAR = (
     "{{use: body-clearance, lag: 0.06, tracking: 0.006, least: 0.02, uncertainty: 0.05{side},"
     " in: {{rotation: suit.rotation, translation: suit.translation}}}}"
 )
+LIMITS = {key: {f"J{i}": value for i in range(1, 8)} for key, value in
+          {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "acceleration": 4.0}.items()}  # fmt: skip
 OTHER = {
+    ReachConfig: LIMITS,
     BodyClearanceConfig: {"least": 0.02, "uncertainty": 0.0},
     StrapBaseConfig: {"axes": {f"J{i}": {"lower": -1, "upper": 1} for i in range(1, 8)}},
 }
 
 
-@pytest.mark.parametrize("options", [BodyClearanceConfig, CollisionConfig, RetreatConfig, StrapBaseConfig])
+@pytest.mark.parametrize("options", [BodyClearanceConfig, CollisionConfig, ReachConfig, StrapBaseConfig])
 def test_of_two_arms_one_must_be_named_and_of_one_it_is_that_one(options):
     other = OTHER.get(options, {})
     with pytest.raises(ValidationError, match="two arms"):

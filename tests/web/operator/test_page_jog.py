@@ -75,22 +75,22 @@ def test_the_arrows_jog_only_where_the_jog_has_the_focus(seen: Seen) -> None:
         seen.passed()
         seen.key("keyUp", **RIGHT)
     assert not seen.loop.presses
-    mouse = seen.higher(0) | {"button": "left"}
-    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=1, **mouse)
+    place = seen.higher(0)
+    seen.mouse("mousePressed", **place)
     seen.held()
     seen.page.value("document.getElementById('list').focus()")
     seen.page.key("x", "KeyX", 88)  # it brakes wherever the focus is
     seen.let_go()
-    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
+    seen.mouse("mouseReleased", **place)
 
 
 def test_a_button_is_held_with_the_mouse(seen: Seen) -> None:
     jog(seen)
-    mouse = seen.higher(1) | {"button": "left"}
-    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=1, **mouse)
+    place = seen.higher(1)
+    seen.mouse("mousePressed", **place)
     seen.held()
     assert seen.loop.presses[-1][1]["joint"] == 1
-    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
+    seen.mouse("mouseReleased", **place)
     seen.let_go()
 
 
@@ -99,28 +99,29 @@ def test_the_end_of_a_key_counts_also_when_it_means_another_by_then(seen: Seen) 
     # With Shift the keypad's 6 is an arrow. Shift is let go first, and then it is a 6.
     arrow, six = RIGHT | {"code": "Numpad6"}, {"key": "6", "code": "Numpad6", "windowsVirtualKeyCode": 102}
     for end in ({"type": "rawKeyDown", "autoRepeat": True}, {"type": "keyUp"}):
-        seen.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **arrow)
+        seen.key("rawKeyDown", **arrow)
         seen.held()
         seen.page.ask("Input.dispatchKeyEvent", **end, **six)
         seen.let_go()
-        seen.page.ask("Input.dispatchKeyEvent", type="keyUp", **six)
+        seen.key("keyUp", **six)
 
 
 def test_the_first_mouse_button_lets_go_while_another_is_held(seen: Seen) -> None:
     jog(seen)
-    mouse = seen.higher(0)
-    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="left", buttons=1, **mouse)
+    place = seen.higher(0)
+    seen.mouse("mousePressed", **place)
     seen.held()
-    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="middle", buttons=5, **mouse)
-    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="left", buttons=4, **mouse)
+    middle = place | {"button": "middle"}
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=5, **middle)
+    seen.mouse("mouseReleased", **place, buttons=4)
     seen.let_go()
-    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="middle", buttons=0, **mouse)
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", buttons=0, **middle)
     # The end of a click that another window has taken: the mouse comes back without a button.
-    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="left", buttons=1, **mouse)
+    seen.mouse("mousePressed", **place)
     seen.held()
     seen.page.value("dispatchEvent(new PointerEvent('pointermove', {buttons: 0}))")
     seen.let_go()
-    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="left", buttons=0, **mouse)
+    seen.mouse("mouseReleased", **place)
 
 
 def test_a_stop_lets_go_and_a_held_key_begins_nothing_after_it(seen: Seen) -> None:

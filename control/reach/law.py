@@ -1,0 +1,201 @@
+"""The law `reach`: goes to goals that a client sets, round the body."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from srl.control.reach.connect import Connect, along
+from srl.control.reach.options import ReachConfig
+from srl.control.reach.room import Room
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, QUATERNION
+
+NEAR: Final = 1e-3  # of a second's way: the goal is reached
+_AHEAD: Final = 16  # points of the way that are looked at in a cycle
+_BRAKES: Final = 0.6  # of the acceleration, towards a goal
+_KEPT: Final = 0.03  # m of margin on the way, where the goal has as much: what is lost while the arm moves
+_OUT: Final = 0.04  # m of margin up to which a posture is left
+_PACE: Final = 0.5  # of the greatest speed, on the way out
+_SLOW: Final = 0.1  # of its greatest speed: slower than that, the arm doesn't come nearer
+
+
+class Mode(IntEnum):
+    """What the output `state` says."""
+
+    NO_GOAL = 0
+    ARRIVED = 1
+    DIRECT = 2
+    AROUND = 3
+    LEAVING = 4
+    WAITING = 5
+
+
+class Reach(Controller):
+    """Straight to the goal where that is free, else round by a way that is planned cycle by cycle, else it waits.
+
+    - DIRECT: the straight way in joint space, all joints together. The guard slows the arm where the body is near.
+    - AROUND: where the arm hasn't come nearer for `patience`, RRT-Connect (`srl.control.reach.connect`) looks for
+      another way among postures in which the arm may rest (`srl.control.reach.room`). The way is left as soon as the
+      straight one is free, and looked for anew where the body has moved into it.
+    - LEAVING: the arm is too near to the body to rest where it is, and doesn't come nearer to its goal: it goes out.
+    - WAITING: there is no way at present, or the arm couldn't rest at its goal. It stays as near as the guard lets it.
+
+    Inputs: `target` (n,) rad (m where a joint slides), NaN: none; `rotation` (59, 4), `translation` (59, 3) m of the
+    suit. Outputs: `q` (n,), `q_velocity` (n,), wired to the arm's position command; `state` (1,), a `Mode`; `room` (2,)
+    m: the margin of the arm's posture and of its goal's, 0 where it isn't on its way. The guard checks the motion as
+    that of any law.
+
+    After a reset the arm stays until a target comes that differs from the one then.
+    """
+
+    Config = ReachConfig
+    summary = "a worn arm reaches goals, round the body that wears it"
+
+    def __init__(self, name: str, config: ReachConfig) -> None:
+        super().__init__(name, config)
+        self.options = o = config
+        arms, joints = o.arms.arms, o.figure.labels
+        n, labels = arms.n, arms.labels
+        self.inputs = (
+            Signal(name="target", shape=(n,), unit="rad", labels=labels, slides=arms.slides),
+            Signal(name="rotation", shape=(len(joints), 4), unit="1", labels=joints, components=(QUATERNION,)),
+            Signal(name="translation", shape=(len(joints), 3), unit="m", labels=joints, components=(POINT,)),
+        )
+        self.outputs = (
+            Signal(name="q", shape=(n,), unit="rad", labels=labels, slides=arms.slides),
+            Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=labels),
+            Signal(name="state", shape=(1,), unit="1"),
+            Signal(name="room", shape=(2,), unit="m", labels=("here", "goal")),
+        )
+        self._room, self._scale = Room(o), o.ranges.dq_max
+        self._goal: Array | None = None
+        self._old = np.full(n, np.nan)
+        self._way: list[Array] = []  # scaled points that are still to be passed; the goal is the last
+        self._search: Connect | None = None
+        self._kept = 0.0  # m of margin on the way
+        # s of the way left where a span began, how long that is, and for how long the arm hasn't come nearer
+        self._left, self._span, self._stuck = np.inf, 0.0, 0.0
+        self._seed = 0
+
+    def reset(self) -> None:
+        self._old[:] = self.input["target"]
+        self.output["q"][:] = self.applied.get("q", self.output["q"])
+        self.output["q_velocity"][:] = 0.0
+        self._room.forget()
+        self._begin(None)
+        self._seed = 0
+        self._tell(Mode.NO_GOAL)
+
+    def update(self, dt: float) -> None:
+        q = np.array(self.applied.get("q", self.output["q"]))
+        self._room.see(self.input["rotation"], self.input["translation"], dt)
+        target = self.input["target"]
+        if np.isfinite(target).all() and not np.array_equal(target, self._old):
+            self._old[:] = target
+            self._begin(np.clip(target, self.options.ranges.q_lower, self.options.ranges.q_upper) / self._scale)
+        if self._goal is None or not self._room.known:
+            self._command(q, np.zeros_like(q), dt)
+            self._tell(Mode.NO_GOAL if self._goal is None else Mode.WAITING)
+            return
+        self._towards(q, self._goal, dt)
+
+    def _begin(self, goal: Array | None) -> None:
+        self._goal, self._way, self._search = goal, [], None
+        self._left, self._span, self._stuck = np.inf, 0.0, 0.0
+
+    # -- all below in seconds of the way: positions over the joints' greatest speeds
+
+    def _towards(self, q: Array, goal: Array, dt: float) -> None:
+        here = q / self._scale
+        left = float(np.abs(goal - here).max())
+        if left < NEAR:
+            self._begin(goal)
+            self.output["q"][:], self.output["q_velocity"][:] = goal * self._scale, 0.0
+            self._tell(Mode.ARRIVED)
+            return
+        straight = along(here, goal)
+        some = straight[np.unique(np.linspace(0, len(straight) - 1, _AHEAD).round().astype(int))]
+        margin = self._room.margins(np.vstack([here, goal, some]) * self._scale)
+        rests, self._kept = bool(margin[1] >= 0.0), min(_KEPT, float(margin[1]))
+        open_ = rests and bool((margin[2:] >= self._kept).all())
+        self._comes(left, dt)
+        mode = Mode.DIRECT
+        if self._way and not self._free(along(here, self._way[0])[:_AHEAD]).all():
+            self._way = []
+        if not self._way and self._stuck > 0.0:
+            if open_:
+                self._way = [goal]  # all joints together: each by itself they go another way than the straight one
+            elif margin[0] < max(self._kept, 0.0):
+                self._search = None
+                mode = Mode.LEAVING if self._stuck > self.options.leave else mode
+            else:
+                mode = self._around(here, goal) if rests else Mode.WAITING
+        if mode is Mode.LEAVING:
+            self._command(q, self._out(q) * self._scale, dt)
+        elif self._way:
+            mode = Mode.AROUND
+            self._command(q, self._speed(here, self._next(here)) * self._scale, dt)
+        else:  # each joint as fast as the guard lets it
+            self.output["q"][:], self.output["q_velocity"][:] = goal * self._scale, 0.0
+        self._tell(mode, float(margin[0]), float(margin[1]))
+
+    def _comes(self, left: float, dt: float) -> None:
+        """Watches whether the arm comes nearer: in each span of `patience` by a share `_SLOW` of what it could."""
+        self._span += dt
+        if self._span >= self.options.patience:
+            self._stuck = 0.0 if left < self._left - _SLOW * self._span else self._stuck + self._span
+            self._left, self._span = left, 0.0
+
+    def _around(self, here: Array, goal: Array) -> Mode:
+        """Looks for a way, some turns in each cycle."""
+        o, ranges = self.options, self.options.ranges
+        if self._search is None or self._search.turns >= o.most:
+            self._seed += 1
+            low, high = ranges.q_lower / self._scale, ranges.q_upper / self._scale
+            self._search = Connect(here, goal, low, high, self._free, self._seed)
+        for _ in range(o.turns):
+            path = self._search.grow()
+            if path is not None:
+                self._way, self._search = list(path[1:]), None
+                return Mode.AROUND
+        return Mode.WAITING
+
+    def _free(self, points: Array) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = self._room.margins(points * self._scale) >= self._kept
+        return found
+
+    def _next(self, here: Array) -> Array:
+        """The next point of the way; the one after it where the arm is there, or sees it."""
+        while len(self._way) > 1:
+            near = float(np.abs(self._way[0] - here).max()) < 10 * NEAR
+            if not near and not self._free(along(here, self._way[1])[: 2 * _AHEAD]).all():
+                break
+            self._way.pop(0)
+        return self._way[0]
+
+    def _speed(self, here: Array, end: Array) -> Array:
+        """(n,): straight to `end`, as fast as the slowest joint can, braking before it."""
+        left = end - here
+        far = np.abs(left)
+        a = _BRAKES * self.options.ranges.ddq_max / self._scale
+        most = np.minimum(1.0, np.sqrt(2.0 * a * far) + 1e-9)
+        slowest = float((far / most).max())
+        return left / max(slowest, 1e-9)
+
+    def _out(self, q: Array) -> Array:
+        way = self._room.outward(q, _OUT) * self._scale
+        size = float(np.abs(way).max())
+        return way * (_PACE / size) if size > 1e-9 else np.zeros_like(way)
+
+    def _command(self, q: Array, v: Array, dt: float) -> None:
+        self.output["q_velocity"][:] = v
+        self.output["q"][:] = q + v * dt
+
+    def _tell(self, mode: Mode, here: float = 0.0, goal: float = 0.0) -> None:
+        self.output["state"][0] = mode
+        self.output["room"][:] = here, goal
