@@ -30,7 +30,7 @@ def wall(gap: float, seen: list[Array] | None = None, half: float = 0.3) -> Free
     return free
 
 
-def found(free: Free, seed: int, most: int = 400) -> Array | None:
+def found(free: Free, seed: int, most: int = 4000) -> Array | None:
     search = Connect(START, GOAL, LOW, HIGH, free, seed)
     for _ in range(most):
         path = search.grow()
