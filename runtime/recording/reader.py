@@ -59,13 +59,16 @@ class Recording:
         return self.layout.value(self.rows, name)
 
 
-def read(path: Path) -> Recording:
+def read(path: Path | str) -> Recording:
     """Reads all rows into memory.
 
+    Args:
+        path: of the file or the folder of segments.
     Raises:
         RecordingError: there is nothing at the path, it isn't a recording, it is of another version, or it has no
             rows.
     """
+    path = Path(path)
     if path.is_dir():
         recording = _black_box(path) if (path / "rows.ring").exists() else _files(path, listed(path))
     elif path.exists():
