@@ -26,7 +26,7 @@ class Levers(NamedTuple):
         normal: (3, m, k), n_j, from the other's nearest point to the link's.
         jacobian: (3, m, k, 2, n), J_f of the link's ends.
         above: (m, k, 2) m, h_jf.
-        size: (m - 1, k, 2, n), |J_f|, where each piece begins.
+        size: (m - 1, k, 2, n), |J_f|, the greater of both ends of each piece.
     """
 
     normal: Array
@@ -82,7 +82,8 @@ class Way:
         along = np.add.reduce(found.normal * (b - a), axis=0)
         above = np.stack([-found.on_link * along, (1.0 - found.on_link) * along], axis=-1)
         J = self._jacobian.take(both, axis=2)
-        return Levers(found.normal, J, above, np.sqrt(np.add.reduce(J[:, :-1] ** 2, axis=0)))
+        size = np.sqrt(np.add.reduce(J * J, axis=0))
+        return Levers(found.normal, J, above, np.maximum(size[:-1], size[1:]))
 
     def close(
         self, levers: Levers, height: Array, speed: Array, links: Indices, age: float | Array, needed: Separation
