@@ -104,7 +104,7 @@ def test_what_stops_the_limb_and_what_lets_it_move_again(capsys: pytest.CaptureF
 def test_what_it_keeps_clear_of_and_joints_that_slide(capsys: pytest.CaptureFixture[str]) -> None:
     output = shown(capsys, "human-srl", "--wiring")
     assert "keeps clear (body-clearance)" in output
-    assert "lag 0.03 s, tracking 0.02" in output
+    assert "lag 0.03 s, tracking J1 0.02, J2 0.02, J3 0.02, J4 0.02, J5 0.001, J6 0.02, J7 0.02" in output
     assert "    J5  0 m    0.1 m  0.08 m/s  0.4 m/s^2" in output
 
 

@@ -74,6 +74,7 @@ def law_of(name: str, folder: Path) -> Controller:
             "robot": "ur16e", "waypoints": {"rest": dict.fromkeys(ARMS["ur16e"].labels, 0.0)},
             "speed": 0.1, "acceleration": 1.0, "jerk": 10.0,
         },
+        "reach": {k: {f"J{i}": v for i in range(1, 8)} for k, v in LIMITS.items()},
         "suit-joints": {"segments": {"pelvis": "Hips"}},
         "suit-segments": {"joints": {"chest": "Spine3"}, "frame": "room"},
         "finger-closure": {"open": 0.0, "closed": 1.0, "model": FingerModel()},
