@@ -35,7 +35,7 @@ greater of the two levers takes, and of sigma what it takes at each of both samp
     L' = sum_i max(a_i, b_i),  a_i = max_f max(0, -c_jfi dq_i),  b_i = max_f max(0, c_j+1,fi dq_i)
     Z_r' = 1/2 sum_(j, j+1) - min_f (h_f - sum_i |c_fi| sigma_i) + rho(|dq| + sigma)
 
-In rho the posture's own |J_fk| do in place of R_k, with a third order, (sum_l u_l) sum_ik R_k u_i u_k / 6.
+In rho the greater |J_fk| of both samples do in place of R_k, with a third order, (sum_l u_l) sum_ik R_k u_i u_k / 6.
 
 Both (2) with R and (2) with L' and Z_r' hold, so the greater margin counts.
 

@@ -196,20 +196,25 @@ class CommandGuard(ABC):
         self._bound()
 
     def keep_clear(
-        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
-    ) -> None:
+        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None,
+        least_lag: float = 0.0, period: float | None = None,
+    ) -> None:  # fmt: skip
         """From now on applies only what the limb can brake from and keep clear. After `bind`, before `reset`.
 
         Args:
             clearance: the judge, bound.
             lag, least_lag, tracking: as in `VerifiedStop`.
             timeout: s, after which the device ends a velocity by itself; a velocity guard needs it.
+            period: s; a position leaves for the device at least this often. None: as its driver says.
         Raises:
             WiringError: the braking motion of such a command isn't known.
         """
         self.check_stroke(clearance)
-        prompt = max((self.command.period or 0.0) + self.dt, PROMPT * self.dt)
+        period = (self.command.period or 0.0) if period is None else period
+        prompt = max(period + self.dt, PROMPT * self.dt)
+        self._tracker.timeout = prompt + self.dt / 2  # a driver may send a command in its next `read`
         limits = self.max_acceleration, self.max_jerk
+        # A command leaves up to half a period after its cycle began.
         self.verified = VerifiedStop(clearance, lag, prompt, tracking, *limits, 0.0, least_lag, prompt - self.dt / 2)
 
     def check_stroke(self, clearance: Clearance, known: bool = True) -> None:
@@ -361,11 +366,12 @@ class CommandGuard(ABC):
 
     def _span(self, dt: float) -> float:
         # After a stall the motion goes on with one period's span, never with the time since.
-        stalled, verified = self._tracker.stalled or self.resynchronised, self.verified
+        stalled, longest, verified = self._tracker.stalled or self.resynchronised, LONGEST * self.dt, self.verified
         if verified is not None:
-            verified.waited = dt > verified.late
+            verified.elapsed = dt
+            verified.waited = verified.late < inf and (stalled or dt > min(verified.late, longest))
             stalled = stalled or verified.waited
-        return min(max(dt, SHORTEST * self.dt), (1 if stalled else LONGEST) * self.dt)
+        return min(max(dt, SHORTEST * self.dt), self.dt if stalled else longest)
 
     def _begin(self) -> None:
         if not self._ready:
@@ -376,11 +382,8 @@ class CommandGuard(ABC):
         p = np.broadcast_to(np.asarray(position, np.float64), self.command.shape).ravel().tolist()
         v = [0.0] * self.size if velocity is None else np.asarray(velocity, np.float64).ravel().tolist()
         if not (finite(p) and finite(v)):
-            raise DeviceError(
-                self.place,
-                "the position to start from is not finite",
-                "Check the device's feedback, then reset",
-            )
+            problem = "the position to start from is not finite"
+            raise DeviceError(self.place, problem, "Check the device's feedback, then reset")
         self.rejected = self.limited = self.fallback = self.resynchronised = self.at_rest = False
         self._ready = True
         return p, [min(max(x, -limit), limit) for x, limit in zip(v, self.max_velocity, strict=True)]
@@ -389,11 +392,8 @@ class CommandGuard(ABC):
         if array is None:
             return [default] * self.size
         if array.shape != self.command.shape:
-            raise WiringError(
-                self.place,
-                f"{name} has shape {array.shape}, the command {self.command.shape}",
-                "Give one value for each joint",
-            )
+            problem = f"{name} has shape {array.shape}, the command {self.command.shape}"
+            raise WiringError(self.place, problem, "Give one value for each joint")
         values: list[float] = array.ravel().tolist()
         return values
 

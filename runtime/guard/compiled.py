@@ -72,7 +72,7 @@ class _Compiled(Fast):
         tracker = self._tracker
         if (
             self._same is not None
-            and dt <= tracker._timeout
+            and dt <= tracker.timeout
             and (transmitted or not tracker.stalled)
             and not self._same(dt)
         ):

@@ -113,7 +113,7 @@ class PositionGuard(CommandGuard):
     def _compare(self, verified: VerifiedStop, dt: float) -> None:
         """Once a cycle, in a stop too: what is beside its command then is so in the next one."""
         measured: list[float] | None = None if self._position is None else self._position.ravel().tolist()
-        verified.compare([p for p, _, _ in self._states], measured, dt)
+        verified.compare([p for p, _, _ in self._states], measured, max(dt, verified.elapsed))
         if measured is not None and (self.unmeasured or not finite(measured)):
             verified.unmeasured()
 

@@ -23,6 +23,7 @@ class SentTracker:
         restart_at: by element, where to begin anew: the newest one sent since the reset, else the first command. Always
             within the range that the guard itself has applied since the element was last taken: what is reported can
             narrow what the guard allows, and never widen it.
+        timeout: s for which an element need not be taken.
         stalled: an element is stalled.
         false: s for which what is reported as sent, of any element, can't have been sent, less those in which it can.
     """
@@ -34,7 +35,7 @@ class SentTracker:
             timeout: s for which an element need not be taken.
             resolution: by element, the difference of what was sent and applied that is normal.
         """
-        self._kind, self._timeout, self._resolution = kind, timeout, resolution
+        self._kind, self.timeout, self._resolution = kind, timeout, resolution
         self._dt = 0.0  # of the last cycle, s
         self.restart([0.0] * len(resolution))
 
@@ -55,7 +56,7 @@ class SentTracker:
             dt: s since the cycle before.
         """
         dt_before, self._dt = self._dt, dt
-        if sent == applied and dt <= self._timeout and (transmitted or not self.stalled):
+        if sent == applied and dt <= self.timeout and (transmitted or not self.stalled):
             self.all_taken(applied, dt)
             return []
         restart_at, unsent, parted = list(self.restart_at), list(self._unsent), []
@@ -73,13 +74,13 @@ class SentTracker:
             # A device that rounds may hold what is applied without being sent anything. But in a stall, being near
             # to what was sent shows nothing, as the guard has begun there: until a command leaves, it isn't taken.
             spare = r + rounding(a)
-            taken = (abs(s - a) <= spare or abs(s - before) <= spare) and (transmitted or unsent[i] <= self._timeout)
+            taken = (abs(s - a) <= spare or abs(s - before) <= spare) and (transmitted or unsent[i] <= self.timeout)
             if taken:
                 unsent[i] = dt if near else dt + dt_before
                 low[i], high[i] = (a, a) if near else (min(a, before), max(a, before))
             else:
                 unsent[i] += dt
-            stalled, limited = unsent[i] > self._timeout, other
+            stalled, limited = unsent[i] > self.timeout, other
             if transmitted and isfinite(s):
                 restart_at[i] = self._given(i, s, low[i], high[i])
                 if limited:  # from there it goes on, so what was applied before can't be sent any more

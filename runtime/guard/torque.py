@@ -132,8 +132,9 @@ class TorqueGuard(CommandGuard):
         self._noted: list[int | None] = [None] * self.size  # when the newest of those was measured
 
     def keep_clear(
-        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
-    ) -> None:
+        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None,
+        least_lag: float = 0.0, period: float | None = None,
+    ) -> None:  # fmt: skip
         raise WiringError(
             self.place,
             "a torque command says nothing of how the limb brakes, so nothing can keep it clear",

@@ -39,8 +39,9 @@ class VelocityGuard(CommandGuard):
         self.velocity = self.applied
 
     def keep_clear(
-        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
-    ) -> None:
+        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None,
+        least_lag: float = 0.0, period: float | None = None,
+    ) -> None:  # fmt: skip
         if self._position is None or self.command.labels == PLANAR_TWIST:
             raise WiringError(
                 self.place,

@@ -65,6 +65,7 @@ class VerifiedStop:
     Attributes:
         held: in this cycle no command was accepted, and the limb brakes or waits.
         waited: this cycle came so late that the limb has come to rest at its last command; the guard sets it.
+        elapsed: s since the cycle before; the guard sets it.
         holds: number of such cycles.
         margin: m, of the motion that was judged last in this cycle; NaN if none was.
         error: what the clearance raised, in words; empty if nothing.
@@ -86,7 +87,7 @@ class VerifiedStop:
             late: s; in a longer cycle the limb has waited at its last command; infinite for velocities.
         """
         self.clearance, self.lag, self.timeout, self.goes_on = clearance, lag, timeout, goes_on
-        self.late, self.waited = late, False
+        self.late, self.waited, self.elapsed = late, False, 0.0
         self.held, self.holds = False, 0
         self.margin = nan
         self.error = ""
@@ -223,6 +224,8 @@ class VerifiedStop:
         braked = brake_together(states, self._A, self._J, dt)
         if not self.waited or (self._usable and self._is_clear(states, braked, dt, None)):
             return braked
+        if any(v for _, v, _ in states):
+            self.held = True
         return [(p, 0.0, 0.0) for p, _, _ in states]
 
     def _creep(self, states: list[State], wanted: list[State], dt: float) -> tuple[float, ...]:

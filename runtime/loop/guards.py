@@ -60,5 +60,6 @@ def _make_guard(graph: Graph, a: Actuator, limits: Limits) -> CommandGuard:
     if a.cleared is not None:
         cleared = a.cleared
         tracking = cleared.tracking.reshape(a.command.shape)
-        guard.keep_clear(cleared.clearance, cleared.lag, tracking, cleared.timeout, cleared.least_lag)
+        times = cleared.timeout, cleared.least_lag, cleared.period
+        guard.keep_clear(cleared.clearance, cleared.lag, tracking, *times)
     return guard

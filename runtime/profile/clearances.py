@@ -84,7 +84,8 @@ def _cleared(b: Builder, name: str, entry: ClearEntry, command: Command) -> Clea
     if entry.least_lag > entry.lag:
         problem = f"no joint's lag is between {entry.least_lag:g} and {entry.lag:g} s"
         raise WiringError(b.source.place(f"{path}.least_lag"), problem, "It is the shortest lag, and `lag` the longest")
-    return Cleared(clearance, inputs, entry.lag, np.array(tracking, np.float64), timeout, entry.least_lag)
+    values = np.array(tracking, np.float64)
+    return Cleared(clearance, inputs, entry.lag, values, timeout, entry.least_lag, entry.period)
 
 
 def _timeout(b: Builder, path: str, entry: ClearEntry, command: Command) -> float | None:

@@ -36,6 +36,7 @@ class Cleared:
         lag: s, and `tracking` (n,), as the profile says them.
         least_lag: s, as the profile says it.
         timeout: s, after which a velocity ends by itself; None for a position.
+        period: s, as the profile says it; None: the command's.
         copies: what is taken from the row before it runs, because its order isn't the row's.
         devices: by input, the indices of the devices and clients behind it.
         computed: the inputs that laws compute: of no use while the laws don't run.
@@ -47,6 +48,7 @@ class Cleared:
     tracking: Array
     timeout: float | None = None
     least_lag: float = 0.0
+    period: float | None = None
     copies: list[Copy] = field(default_factory=list)
     devices: dict[str, list[int]] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()

@@ -31,6 +31,12 @@ class ClearEntry(BaseModel):
     tracking: NotNegative | list[NotNegative] | dict[str, NotNegative] = Field(
         description="the command's unit; a joint may be this far from what was commanded within the lag"
     )
+    period: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="s; a command leaves at least this often; null: the driver's figure",
+    )
     timeout: float | None = Field(
         None, gt=0, le=10, description="s; without a command a device of velocities stops by itself within this"
     )

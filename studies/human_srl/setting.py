@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from srl.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from srl.drivers.servo_bus.declare import PERIOD
 from srl.runtime.contracts.per_element import in_order
 from srl.runtime.contracts.signals import Array, Command, Kind
 from srl.runtime.guard import GUARDS, CommandGuard
@@ -50,7 +51,7 @@ class Setting:
         suit = given["sim"]["devices"]["suit"]
         self.frame, self.delay = 1.0 / suit["rate"], float(suit["delay"])
         self._command = Command(
-            name=_COMMAND, shape=(len(self.labels),), unit="rad", kind=Kind.POSITION, labels=self.labels
+            name=_COMMAND, shape=(len(self.labels),), unit="rad", kind=Kind.POSITION, labels=self.labels, period=PERIOD
         )
         self._limits = entry.to_limits(self._command.shape, _COMMAND, self.labels)
         limits = self._limits
@@ -77,6 +78,6 @@ class Setting:
         guard = GUARDS[Kind.POSITION](_COMMAND, self._command, self._limits, self.dt)
         guard.bind(applied, measured)
         if clearance is not None:
-            guard.keep_clear(clearance, self.lag, self.tracking, least_lag=self._least_lag)
+            guard.keep_clear(clearance, self.lag, self.tracking, None, self._least_lag, self._clear.period)
         guard.reset(measured)
         return guard
