@@ -101,11 +101,8 @@ class CommandGuard(ABC):
         self.size = command.size
         missing = [name for name in self.needs if getattr(limits, name) is None]
         if missing:
-            raise WiringError(
-                place,
-                f"a {command.kind} command needs {', '.join(missing)}; neither profile nor device limits it",
-                f"Add {missing[0]} to {place} in the profile",
-            )
+            problem = f"a {command.kind} command needs {', '.join(missing)}; neither profile nor device limits it"
+            raise WiringError(place, problem, f"Add {missing[0]} to {place} in the profile")
         self.lower = self._flat("lower", limits.lower, -inf)
         self.upper = self._flat("upper", limits.upper, inf)
         self.max_velocity = self._flat("velocity", limits.velocity, inf)
@@ -205,17 +202,15 @@ class CommandGuard(ABC):
             clearance: the judge, bound.
             lag, least_lag, tracking: as in `VerifiedStop`.
             timeout: s, after which the device ends a velocity by itself; a velocity guard needs it.
-            period: s; a position leaves for the device at least this often. None: as its driver says.
+            period: s; a position leaves at least this often. None: as its driver says.
         Raises:
             WiringError: the braking motion of such a command isn't known.
         """
         self.check_stroke(clearance)
-        period = (self.command.period or 0.0) if period is None else period
-        prompt = max(period + self.dt, PROMPT * self.dt)
+        prompt = max((self.command.period or 0.0 if period is None else period) + self.dt, PROMPT * self.dt)
         self._tracker.timeout = prompt + self.dt / 2  # a driver may send a command in its next `read`
-        limits = self.max_acceleration, self.max_jerk
-        # A command leaves up to half a period after its cycle began.
-        self.verified = VerifiedStop(clearance, lag, prompt, tracking, *limits, 0.0, least_lag, prompt - self.dt / 2)
+        limits, late = (self.max_acceleration, self.max_jerk), prompt - self.dt / 2  # it leaves within half a period
+        self.verified = VerifiedStop(clearance, lag, prompt, tracking, *limits, 0.0, least_lag, late)
 
     def check_stroke(self, clearance: Clearance, known: bool = True) -> None:
         """Whether the position limits keep the limb where the clearance is right about it.
