@@ -15,6 +15,7 @@ from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import OptionError, nearest
 from srl.runtime.contracts.files import FileOption, KeptFile
 from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.per_element import Finite
 from srl.runtime.models import record_file
 
 _TaskFile = Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE independent-operation`")]
@@ -50,6 +51,9 @@ class IndependentOperationConfig(RangeOptions, ControllerConfig):
     intention: IntentionOption | None = Field(None, description="input `action`: named actions run and pause it")
     teach: bool = Field(False, description="input `teach`: while it is 1, the hand shows a task")
     repeats: int | None = Field(1, ge=1, description="how often a start does the task; null: until it is paused")
+    posture: dict[str, Finite] | None = Field(
+        None, description="rad or m, of each joint: where it goes as far as the task lets it; null: mid-range"
+    )
     timeout: float = Field(0.1, ge=0.0, lt=2.0, description="s without body, button or position before they are lost")
     replay: ReplayOptions = ReplayOptions()
     thresholds: Thresholds = Thresholds()

@@ -24,7 +24,7 @@ Free = Callable[[Array], NDArray[np.bool_]]
 
 
 def along(a: Array, b: Array) -> Array:
-    """(m, n): points from a to b, each within SPACING of the next, without a and with b; scaled."""
+    """(m, n): points from a to b, each within SPACING of the next, a left out; scaled."""
     m = max(int(np.ceil(float(np.abs(b - a).max()) / SPACING)), 1)
     made: Array = a + (np.arange(1, m + 1) / m)[:, None] * (b - a)
     return made
@@ -67,7 +67,7 @@ class Connect:
     """One search; see the module's text.
 
     Attributes:
-        turns: how often it has grown.
+        iterations: how often it has grown.
     """
 
     def __init__(self, start: Array, goal: Array, lower: Array, upper: Array, free: Free, seed: int) -> None:
@@ -81,12 +81,12 @@ class Connect:
         self._trees, self._from_start = [_Tree(start), _Tree(goal)], True
         self._low, self._high, self._free = lower, upper, free
         self._rng = np.random.default_rng(seed)
-        self.turns = 0
+        self.iterations = 0
 
     def grow(self) -> Array | None:
         """One turn; the path (k, n) from start to goal once there is one."""
         a, b = self._trees
-        self.turns += 1
+        self.iterations += 1
         new, _ = a.branch(self._rng.uniform(self._low, self._high), BRANCH, self._free)
         met, there = b.branch(a.nodes[new], np.inf, self._free)
         path = a.back(new)[::-1] + b.back(met)[1:] if there else None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from srl.control.reach.connect import Connect, along
 from srl.control.reach.options import ReachConfig
-from srl.control.reach.room import Room
+from srl.control.reach.rest_margin import RestMargin
 from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
@@ -38,17 +38,19 @@ class Mode(IntEnum):
 class Reach(Controller):
     """Straight to the goal where that is free, else round by a way that is planned cycle by cycle, else it waits.
 
-    - DIRECT: the straight way in joint space, all joints together. The guard slows the arm where the body is near.
-    - AROUND: where the arm hasn't come nearer for `patience`, RRT-Connect (`srl.control.reach.connect`) looks for
-      another way among postures in which the arm may rest (`srl.control.reach.room`). The way is left as soon as the
-      straight one is free, and looked for anew where the body has moved into it.
-    - LEAVING: the arm is too near to the body to rest where it is, and doesn't come nearer to its goal: it goes out.
+    - DIRECT: the goal itself is commanded, each joint by itself. The guard slows the arm where the body is near.
+    - AROUND: the arm hasn't come nearer for `progress_timeout`. All joints go together, straight to the goal where that
+      is free, else along a way that RRT-Connect (`srl.control.reach.connect`) finds among postures in which the arm may
+      rest (`srl.control.reach.rest_margin`). It is cut short where the arm sees a later point, and looked for anew
+      where the body has moved into it.
+    - LEAVING: the arm is too near to the body to rest where it is, and for `leave_timeout` it hasn't come nearer to its
+      goal: it goes out.
     - WAITING: there is no way at present, or the arm couldn't rest at its goal. It stays as near as the guard lets it.
 
     Inputs: `target` (n,) rad (m where a joint slides), NaN: none; `rotation` (59, 4), `translation` (59, 3) m of the
-    suit. Outputs: `q` (n,), `q_velocity` (n,), wired to the arm's position command; `state` (1,), a `Mode`; `room` (2,)
-    m: the margin of the arm's posture and of its goal's, 0 where it isn't on its way. The guard checks the motion as
-    that of any law.
+    suit. Outputs: `q` (n,), `q_velocity` (n,), wired to the arm's position command; `state` (1,), a `Mode`; `margin`
+    (2,) m, of the arm's posture and of its goal's, 0 where it isn't on its way. The guard checks the motion as that of
+    any law.
 
     After a reset the arm stays until a target comes that differs from the one then.
     """
@@ -70,9 +72,9 @@ class Reach(Controller):
             Signal(name="q", shape=(n,), unit="rad", labels=labels, slides=arms.slides),
             Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=labels),
             Signal(name="state", shape=(1,), unit="1"),
-            Signal(name="room", shape=(2,), unit="m", labels=("here", "goal")),
+            Signal(name="margin", shape=(2,), unit="m", labels=("here", "goal")),
         )
-        self._room, self._scale = Room(o), o.ranges.dq_max
+        self._rest, self._scale = RestMargin(o), o.ranges.dq_max
         self._goal: Array | None = None
         self._old = np.full(n, np.nan)
         self._way: list[Array] = []  # scaled points that are still to be passed; the goal is the last
@@ -86,19 +88,19 @@ class Reach(Controller):
         self._old[:] = self.input["target"]
         self.output["q"][:] = self.applied.get("q", self.output["q"])
         self.output["q_velocity"][:] = 0.0
-        self._room.forget()
+        self._rest.forget()
         self._begin(None)
         self._seed = 0
         self._tell(Mode.NO_GOAL)
 
     def update(self, dt: float) -> None:
         q = np.array(self.applied.get("q", self.output["q"]))
-        self._room.see(self.input["rotation"], self.input["translation"], dt)
+        self._rest.see(self.input["rotation"], self.input["translation"], dt)
         target = self.input["target"]
         if np.isfinite(target).all() and not np.array_equal(target, self._old):
             self._old[:] = target
             self._begin(np.clip(target, self.options.ranges.q_lower, self.options.ranges.q_upper) / self._scale)
-        if self._goal is None or not self._room.known:
+        if self._goal is None or not self._rest.known:
             self._command(q, np.zeros_like(q), dt)
             self._tell(Mode.NO_GOAL if self._goal is None else Mode.WAITING)
             return
@@ -120,7 +122,7 @@ class Reach(Controller):
             return
         straight = along(here, goal)
         some = straight[np.unique(np.linspace(0, len(straight) - 1, _AHEAD).round().astype(int))]
-        margin = self._room.margins(np.vstack([here, goal, some]) * self._scale)
+        margin = self._rest.margins(np.vstack([here, goal, some]) * self._scale)
         rests, self._kept = bool(margin[1] >= 0.0), min(_KEPT, float(margin[1]))
         open_ = rests and bool((margin[2:] >= self._kept).all())
         self._comes(left, dt)
@@ -132,7 +134,7 @@ class Reach(Controller):
                 self._way = [goal]  # all joints together: each by itself they go another way than the straight one
             elif margin[0] < max(self._kept, 0.0):
                 self._search = None
-                mode = Mode.LEAVING if self._stuck > self.options.leave else mode
+                mode = Mode.LEAVING if self._stuck > self.options.leave_timeout else mode
             else:
                 mode = self._around(here, goal) if rests else Mode.WAITING
         if mode is Mode.LEAVING:
@@ -145,20 +147,20 @@ class Reach(Controller):
         self._tell(mode, float(margin[0]), float(margin[1]))
 
     def _comes(self, left: float, dt: float) -> None:
-        """Watches whether the arm comes nearer: in each span of `patience` by a share `_SLOW` of what it could."""
+        """Whether the arm comes nearer: in each span of `progress_timeout` by `_SLOW` of what it could at full speed."""
         self._span += dt
-        if self._span >= self.options.patience:
+        if self._span >= self.options.progress_timeout:
             self._stuck = 0.0 if left < self._left - _SLOW * self._span else self._stuck + self._span
             self._left, self._span = left, 0.0
 
     def _around(self, here: Array, goal: Array) -> Mode:
         """Looks for a way, some turns in each cycle."""
         o, ranges = self.options, self.options.ranges
-        if self._search is None or self._search.turns >= o.most:
+        if self._search is None or self._search.iterations >= o.max_iterations:
             self._seed += 1
             low, high = ranges.q_lower / self._scale, ranges.q_upper / self._scale
             self._search = Connect(here, goal, low, high, self._free, self._seed)
-        for _ in range(o.turns):
+        for _ in range(o.iterations):
             path = self._search.grow()
             if path is not None:
                 self._way, self._search = list(path[1:]), None
@@ -166,7 +168,7 @@ class Reach(Controller):
         return Mode.WAITING
 
     def _free(self, points: Array) -> NDArray[np.bool_]:
-        found: NDArray[np.bool_] = self._room.margins(points * self._scale) >= self._kept
+        found: NDArray[np.bool_] = self._rest.margins(points * self._scale) >= self._kept
         return found
 
     def _next(self, here: Array) -> Array:
@@ -188,7 +190,7 @@ class Reach(Controller):
         return left / max(slowest, 1e-9)
 
     def _out(self, q: Array) -> Array:
-        way = self._room.outward(q, _OUT) * self._scale
+        way = self._rest.outward(q, _OUT) * self._scale
         size = float(np.abs(way).max())
         return way * (_PACE / size) if size > 1e-9 else np.zeros_like(way)
 
@@ -198,4 +200,4 @@ class Reach(Controller):
 
     def _tell(self, mode: Mode, here: float = 0.0, goal: float = 0.0) -> None:
         self.output["state"][0] = mode
-        self.output["room"][:] = here, goal
+        self.output["margin"][:] = here, goal

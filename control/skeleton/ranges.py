@@ -33,9 +33,6 @@ class RangeOptions(EnvelopeOptions):
     upper: dict[str, Finite] = Field(description="rad or m, of each joint")
     velocity: dict[str, Positive] = Field(description="rad/s or m/s, of each joint; the guard's or less")
     acceleration: dict[str, Positive] = Field(description="rad/s^2 or m/s^2, of each joint; the guard's or less")
-    posture: dict[str, Finite] | None = Field(
-        None, description="rad or m, of each joint: where it goes as far as the task lets it; null: mid-range"
-    )
 
     @cached_property
     def ranges(self) -> JointRanges:
@@ -43,7 +40,7 @@ class RangeOptions(EnvelopeOptions):
         labels = self.arms.arms.labels
         values: list[Array] = []
         for key in ("lower", "upper", "velocity", "acceleration", "posture"):
-            if getattr(self, key) is None:
+            if getattr(self, key, None) is None:
                 continue
             try:
                 values.append(np.array(in_order(getattr(self, key), labels), dtype=float))

@@ -209,8 +209,9 @@ class CommandGuard(ABC):
         self.check_stroke(clearance)
         prompt = max((self.command.period or 0.0 if period is None else period) + self.dt, PROMPT * self.dt)
         self._tracker.timeout = prompt + self.dt / 2  # a driver may send a command in its next `read`
-        limits, late = (self.max_acceleration, self.max_jerk), prompt - self.dt / 2  # it leaves within half a period
-        self.verified = VerifiedStop(clearance, lag, prompt, tracking, *limits, 0.0, least_lag, late)
+        late = prompt - self.dt / 2  # a command leaves up to half a period after its cycle began
+        limits = self.max_acceleration, self.max_jerk
+        self.verified = VerifiedStop(clearance, lag, prompt, tracking, *limits, least_lag=least_lag, late=late)
 
     def check_stroke(self, clearance: Clearance, known: bool = True) -> None:
         """Whether the position limits keep the limb where the clearance is right about it.

@@ -110,6 +110,11 @@ class VerifiedStop:
         """What was objected to, for people."""
         return self.error or self.clearance.why()
 
+    @property
+    def usable(self) -> bool:
+        """The clearance can use its inputs in this cycle."""
+        return self._usable
+
     def begin(self, now: int, stamps: Mapping[str, int], age: float) -> None:
         """Takes the inputs, once a cycle.
 

@@ -17,7 +17,7 @@ from srl.studies.human_srl.intervals import over_wearers
 from srl.studies.result import Claim
 
 Rows = Sequence[Mapping[str, Any]]
-PACE_STILL: Final = 0.02  # of the pace: the first reach has hardly begun when the motion ends
+PACE_STILL: Final = 0.02  # of the pace: the first reach has hardly started when the motion ends
 LONG, STILL = "18 s for a goal", "still wearer"
 SECONDS_LONG: Final = 36.0
 MOTIONS: Final = 100  # of each of the two
@@ -48,12 +48,12 @@ def _claim(name: str, words: str, rows: Rows, free: Rows) -> Claim:
         id=name,
         text=f"{words}: the arm reaches at least {LEAST[name]:g} of the share of goals that an arm without a clearance "
         f"does ({base:.3f}); {reached} of {tried} in {len(rows)} motions, 95 % interval over wearers {low:.2f} to "
-        f"{high:.2f}; {felt(rows)}; measured: the shares' ratio, its interval reported beside",
+        f"{high:.2f}; {comfort(rows)}; measured: the shares' ratio, its interval reported beside",
         paper="", measured=found, unit="", holds=found >= LEAST[name],
     )  # fmt: skip
 
 
-def felt(rows: Rows) -> str:
+def comfort(rows: Rows) -> str:
     """Times, the oracle and what a user feels, in words."""
     times = [t for row in rows for t in json.loads(str(row["times"])) if t is not None]
     looks = [x for row in rows for x in json.loads(str(row["open"]))]

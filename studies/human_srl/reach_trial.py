@@ -22,8 +22,8 @@ from srl.control.skeleton.kinematics import Kinematics
 from srl.control.skeleton.options import EnvelopeOptions
 from srl.runtime.contracts.clearance import NEVER
 from srl.runtime.contracts.signals import Array
+from srl.studies.human_srl.comfort import Comfort
 from srl.studies.human_srl.contacts import Contacts
-from srl.studies.human_srl.felt import Felt
 from srl.studies.human_srl.gap import Gap, carried
 from srl.studies.human_srl.reaching import Reaching
 from srl.studies.human_srl.setting import Setting
@@ -124,7 +124,7 @@ class Run:
         self.applied, self.measured = posture.copy(), posture.copy()
         self.guard = setting.guard(self.applied, self.measured, self.clearance if attack.guarded else None)
         self.law = self._law(pose, translation) if attack.planned else None
-        self.felt = Felt(self.clearance, self.guard, setting)
+        self.comfort = Comfort(self.clearance, self.guard, setting)
 
     def run(self, seconds: float) -> Mapping[str, Value]:
         dt, measured, translation = self.setting.dt, self.measured, self.reaching.translation
@@ -140,7 +140,7 @@ class Run:
                 self.guard.verified.begin(now, {"rotation": stamp, "translation": stamp}, 0.0)
             goal = self.goals.at(t, measured)
             self.guard.step(*self._wanted(goal), dt)
-            self.felt.take(k, goal, len(self.goals.times), measured)
+            self.comfort.take(k, goal, len(self.goals.times), measured)
             held += self.guard.verified is not None and self.guard.verified.held
             before = measured.copy()
             servos.append(self.applied.copy())
@@ -169,9 +169,9 @@ class Run:
             "held": held,
             "acceleration": highest,
             "beyond": beyond,
-            "open": json.dumps(self.felt.open(len(times))),
-            "stands": self.felt.stands,
-            "jerk": self.felt.jerk(),
+            "open": json.dumps(self.comfort.open(len(times))),
+            "stands": self.comfort.stands,
+            "jerk": self.comfort.jerk(),
         }
 
     def _law(self, pose: Array, translation: Array) -> Reach:

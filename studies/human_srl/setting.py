@@ -29,8 +29,8 @@ class Setting:
         dt: s, the loop's period.
         frame, delay: s, of the suit: between two frames, and from a pose to its frame.
         lower, upper, velocity, acceleration: (n,) the guard's limits, rad and s (m and s where a joint slides).
-        lag: s, the longest of the servos, as the clearance is told.
-        tracking: (n,) rad or m, by which the joints may be beside their commands, as the clearance is told.
+        lag: s, the longest of the servos, as `clear:` declares it.
+        tracking: (n,) rad or m, by which the joints may be beside their commands, as `clear:` declares it.
     """
 
     def __init__(
@@ -60,8 +60,8 @@ class Setting:
         )
         self.lag = entry.clear.lag if lag is None else lag
         self._least_lag = entry.clear.least_lag if lag is None else lag  # the trials' servos lag alike
-        told = entry.clear.tracking if tracking is None else tracking
-        self.tracking = np.array(in_order(told, self.labels, size=len(self.labels), ordered=True), np.float64)
+        declared = entry.clear.tracking if tracking is None else tracking
+        self.tracking = np.array(in_order(declared, self.labels, size=len(self.labels), ordered=True), np.float64)
 
     def clearance(self, **changed: Any) -> BodyClearance:
         """The profile's clearance, not bound; `changed`: its options."""

@@ -279,7 +279,7 @@ def in_a_lab(folder: Path) -> Path:
     """Records a run in a lab; returns the folder of its files.
 
     A host under load may hold up the loop for more than the 0.12 s after which its supervisor ends it. The stream ends
-    with it, and the lab's recorder would wait for more of it for ever: so all is begun anew.
+    with it, and the lab's recorder would wait for ever. So the test starts both again.
     """
     for attempt in range(8):
         (made := folder / str(attempt)).mkdir()

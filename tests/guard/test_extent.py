@@ -1,4 +1,4 @@
-"""What another clearance is told of where a limb may be: all of it, as near as is known, and nothing where it isn't."""
+"""The extent that another clearance reads: it holds every place of the limb, and is None where that is unknown."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ DT = 0.01
 
 
 class Noted(Fast):
-    """Does what it is told to, and notes what it was asked."""
+    """Answers as the test sets it, and records what it was asked."""
 
     def __init__(self) -> None:
         self.asked: list[str] = []

@@ -14,6 +14,18 @@ from srl.runtime.guard.base import LONGEST, PROMPT
 from srl.runtime.guard.verified import brake_together
 
 
+def judged(scene: Scene) -> list[Braking]:
+    """Keeps a copy of each motion that the clearance is asked about from now on; the newest is the last."""
+    kept, judge = list[Braking](), scene.clearance.clear
+
+    def keep(motion: Braking) -> bool:
+        kept.append(Braking(motion.path.copy(), motion.until.copy(), motion.velocity.copy(), motion.slack.copy()))
+        return judge(motion)
+
+    scene.clearance.clear = keep  # type: ignore[method-assign]
+    return kept
+
+
 def test_a_stop_leaves_the_line_neither_when_held_nor_when_told_to():
     """Without a clearance the joint with less to brake stops first, and the limb leaves its path."""
     off = {}
@@ -44,14 +56,8 @@ def test_a_velocity_is_checked_as_if_the_loop_came_late_or_not_at_all(timeout, m
 
     Where it was measured some time ago, it has gone on since.
     """
-    scene, seen = Scene(Kind.VELOCITY, start=(-1.0, 0.0), timeout=timeout, measured=measured), list[Braking]()
-    judge = scene.clearance.clear
-
-    def keep(motion: Braking) -> bool:
-        seen.append(Braking(motion.path.copy(), motion.until.copy(), motion.velocity, motion.slack))
-        return judge(motion)
-
-    scene.clearance.clear = keep  # type: ignore[method-assign]
+    scene = Scene(Kind.VELOCITY, start=(-1.0, 0.0), timeout=timeout, measured=measured)
+    seen = judged(scene)
     for _ in range(30):
         scene.step((0.5, 0.1))
     at, late = scene.at - DT * scene.applied, max(LONGEST * DT, timeout)
@@ -63,14 +69,8 @@ def test_a_velocity_is_checked_as_if_the_loop_came_late_or_not_at_all(timeout, m
 @pytest.mark.parametrize("kind", [Kind.POSITION, Kind.VELOCITY])
 def test_the_stop_that_is_carried_out_is_the_one_that_was_checked(kind):
     """In its places, and in the time until which the limb may be on its way to each."""
-    scene, seen = Scene(kind, start=(-1.0, 0.0)), list[Braking]()
-    judge = scene.clearance.clear
-
-    def keep(motion: Braking) -> bool:
-        seen.append(Braking(motion.path.copy(), motion.until.copy(), motion.velocity.copy(), motion.slack.copy()))
-        return judge(motion)
-
-    scene.clearance.clear = keep  # type: ignore[method-assign]
+    scene = Scene(kind, start=(-1.0, 0.0))
+    seen = judged(scene)
     for _ in range(40):
         scene.step((1.0, 0.5) if kind is Kind.POSITION else (1.2, 0.7))
     checked, velocity = seen[-1], scene.guard.velocity.copy()
@@ -108,14 +108,7 @@ def test_retract_is_checked_too():
 
 def test_with_a_bounded_jerk_the_stop_that_is_carried_out_is_the_one_that_was_checked():
     scene = Scene(start=(-1.0, 0.0), jerk=200.0)
-    seen: list[Braking] = []
-    judge = scene.clearance.clear
-
-    def keep(motion: Braking) -> bool:
-        seen.append(Braking(motion.path.copy(), motion.until.copy(), motion.velocity.copy(), motion.slack.copy()))
-        return judge(motion)
-
-    scene.clearance.clear = keep  # type: ignore[method-assign]
+    seen = judged(scene)
     for _ in range(40):
         scene.step((1.0, 0.5))
     checked = seen[-1]

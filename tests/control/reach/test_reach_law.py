@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from srl.control.reach.law import Mode, Reach
 from srl.control.reach.options import ReachConfig
-from srl.control.reach.room import Room
+from srl.control.reach.rest_margin import RestMargin
 from srl.control.skeleton.body_clearance import BodyClearanceConfig
 from srl.control.skeleton.envelope import link_nodes
 from srl.runtime.contracts.signals import Array
@@ -42,13 +42,24 @@ def a_law() -> tuple[Reach, Wearer]:
 
 
 def step(law: Reach, q: Array, count: int = 1) -> Array:
-    """Cycles of an arm that is where it is told, as fast as its joints go."""
+    """Cycles of an arm that follows its command as fast as its joints go."""
     for _ in range(count):
         law.input["rotation"][0, 1] += 1e-12  # a real suit's samples differ
         law.applied["q"][:] = q
         law.update(DT)
         q = np.clip(law.output["q"], q - V * DT, q + V * DT)
     return q
+
+
+def beside_a_still_wearer() -> RestMargin:
+    """The margins beside a wearer who was seen for ten cycles."""
+    made = RestMargin(CONFIG)
+    _, wearer = a_law()
+    for k in range(10):
+        pose = wearer.aside()
+        pose[0, 1] += 1e-12 * k
+        made.see(pose, wearer.translation, DT)
+    return made
 
 
 def mode(law: Reach) -> Mode:
@@ -95,12 +106,7 @@ def test_a_goal_beyond_the_limits_is_the_limit():
 
 
 def test_the_way_out_makes_room():
-    room = Room(CONFIG)
-    _, wearer = a_law()
-    for k in range(10):
-        pose = wearer.aside()
-        pose[0, 1] += 1e-12 * k
-        room.see(pose, wearer.translation, DT)
+    room = beside_a_still_wearer()
     rng, gained = np.random.default_rng(0), []
     for q in rng.uniform(LOW, HIGH, (600, 7)):
         before = float(room.margins(q[None])[0])
@@ -113,12 +119,7 @@ def test_the_way_out_makes_room():
 
 def test_room_is_the_distance_less_what_the_body_may_do():
     """Of a body that stands still: 0.5 a_e t (t + window) nearer by the end of the horizon, and what is always kept."""
-    room = Room(CONFIG)
-    _, wearer = a_law()
-    for k in range(10):
-        pose = wearer.aside()
-        pose[0, 1] += 1e-12 * k
-        room.see(pose, wearer.translation, DT)
+    room = beside_a_still_wearer()
     envelope, body, t = CONFIG.envelope, room._body, CONFIG.horizon
     for q in np.random.default_rng(1).uniform(LOW, HIGH, (5, 7)):
         nodes = link_nodes(ARMS.arms, "right", q[None])[0]

@@ -6,27 +6,27 @@ from math import isinf
 
 import numpy as np
 
-from srl.control.reach.options import RoomOptions
+from srl.control.reach.options import MarginOptions
 from srl.control.skeleton.body_motion import BodyMotion
 from srl.control.skeleton.capsules import nearest
 from srl.control.skeleton.envelope import jacobian, posture
 from srl.runtime.contracts.signals import Array
 
 
-class Room:
+class RestMargin:
     """The body as it was seen last, and how near it may come until an arm that hardly moves has stopped.
 
     It is (1) of `srl.control.shared.approach` for one instant, `horizon` from now. The guard's clearance judges
     motions, more closely; this says where it is worth going.
     """
 
-    def __init__(self, options: RoomOptions) -> None:
+    def __init__(self, options: MarginOptions) -> None:
         self._options, self._arms, self._side = options, options.arms.arms, options.arm
         envelope = options.envelope
         self._links = np.array([pair.link for pair in envelope.pairs])
         self._segments = np.array([pair.segment for pair in envelope.pairs])
         self._radii = envelope.radii[self._segments] + envelope.link_radius
-        self._a_e = options.factor * envelope.acceleration[self._segments].T
+        self._a_e = options.body_acceleration * envelope.acceleration[self._segments].T
         self._body = BodyMotion(options.figure, envelope.ends, options.span)
         self._now, self._last = 0, b""
         self._needed = options.least + options.uncertainty

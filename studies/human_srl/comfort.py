@@ -17,7 +17,7 @@ EVERY: Final = 10  # cycles between two looks at a goal
 _STILL: Final = 0.05  # of a joint's greatest speed: slower, the arm stands still for whoever looks on
 
 
-class Felt:
+class Comfort:
     """Watches a trial cycle by cycle; changes nothing.
 
     Attributes:
@@ -48,8 +48,7 @@ class Felt:
         verified, clearance, n = self._verified, self._clearance, len(goal)
         assert verified is not None
         until = np.array([verified.lag, verified.lag + verified.timeout])
-        before = clearance.margin, clearance.why()
-        if before[1].startswith(("the body", "no pose")):
+        if not verified.usable:
             return False
         clearance.clear(Braking(np.array([goal, goal]), until, np.zeros(n), self._setting.tracking))
         return bool(clearance.margin >= 0.0)
