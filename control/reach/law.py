@@ -147,7 +147,7 @@ class Reach(Controller):
         self._tell(mode, float(margin[0]), float(margin[1]))
 
     def _comes(self, left: float, dt: float) -> None:
-        """Whether the arm comes nearer: in each span of `progress_timeout` by `_SLOW` of what it could at full speed."""
+        """Whether the arm comes nearer: in each span of `progress_timeout` by `_SLOW` of its full speed."""
         self._span += dt
         if self._span >= self.options.progress_timeout:
             self._stuck = 0.0 if left < self._left - _SLOW * self._span else self._stuck + self._span
