@@ -186,9 +186,9 @@ def test_what_was_sent_last_is_believed_within_what_was_applied(kind: Kind, side
     assert link.guard.last_sent().tolist() == first.tolist()
     last = link.applied.copy()
     assert (side * last > side * first).all()
-    for sent, believed in ((1e6 * side, last), (-1e6 * side, first if kind is Kind.POSITION else np.zeros(2))):
+    for sent, accepted in ((1e6 * side, last), (-1e6 * side, first if kind is Kind.POSITION else np.zeros(2))):
         link.sent[:] = sent
-        assert link.guard.last_sent().tolist() == believed.tolist()
+        assert link.guard.last_sent().tolist() == accepted.tolist()
     link.sent[:] = (first + last) / 2
     assert link.guard.last_sent().tolist() == link.sent.tolist()
     link.sent[1] = np.nan

@@ -48,9 +48,9 @@ def ways_home(b: Bench, arm: float, leg: float, lost: str) -> tuple[Any, Any, in
 
     b.run(1200, script)
     states = b.header("state")
-    begun = 260 + int(np.flatnonzero(states[260:] == State.ACTIVE)[0])
-    assert states[begun - 1] == State.HOMING
-    return value(b, "arm.command.applied"), value(b, "leg.command.applied"), begun
+    first = 260 + int(np.flatnonzero(states[260:] == State.ACTIVE)[0])
+    assert states[first - 1] == State.HOMING
+    return value(b, "arm.command.applied"), value(b, "leg.command.applied"), first
 
 
 @pytest.mark.parametrize(("arm", "leg"), [(FAR, NEAR), (NEAR, FAR)])
@@ -59,10 +59,10 @@ def test_motion_begins_once_the_last_one_is_at_home(
 ) -> None:
     two_servos(monkeypatch)
     b = Bench(tmp_path, arm="servo", emergency="")
-    *both, begun = ways_home(b, arm, leg, "both")
-    assert begun - 265 >= (0.7 - FAR) / (SPEED / 4) / 0.01 - 5
+    *both, first = ways_home(b, arm, leg, "both")
+    assert first - 265 >= (0.7 - FAR) / (SPEED / 4) / 0.01 - 5
     for applied in both:
-        assert applied[begun] == pytest.approx(0.7)
+        assert applied[first] == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize("lost", ["arm", "leg"])
@@ -71,10 +71,10 @@ def test_the_one_that_was_not_lost_waits_where_it_is(
 ) -> None:
     two_servos(monkeypatch)
     b = Bench(tmp_path, arm="servo", emergency="")
-    arm, leg, begun = ways_home(b, FAR, NEAR, lost)
+    arm, leg, first = ways_home(b, FAR, NEAR, lost)
     for name, applied, place in (("arm", arm, FAR), ("leg", leg, NEAR)):
         assert applied[245] == pytest.approx(place)
-        assert applied[begun] == pytest.approx(0.7 if name == lost else place)
+        assert applied[first] == pytest.approx(0.7 if name == lost else place)
 
 
 @pytest.mark.parametrize("first", ["arm", "hand"])
