@@ -14,21 +14,25 @@ class Decision:
         """
         Args:
             dwell: s for which an action must be seen before it holds.
-            release: s for which it must not be seen before it ends with nothing in its place.
+            release: s for which it must not be seen before it ends.
         """
         self._dwell, self._release = dwell, release
         self.clear()
 
     def clear(self) -> None:
         """Nothing holds."""
-        self.action, self._seen, self._since = NONE, NONE, 0.0
+        self.action, self._seen, self._since, self._unseen = NONE, NONE, 0.0, 0.0
 
-    def next(self, seen: int, dt: float) -> int:
-        """Takes what was seen over the last dt s, an action's number or NONE. Returns the action that holds."""
-        if seen == self._seen:
-            self._since += dt
-        else:
-            self._seen, self._since = seen, dt
-        if seen != self.action and self._since >= (self._release if seen == NONE else self._dwell) - 1e-9:
-            self.action = seen
+    def next(self, seen: int, dt: float, confirmed: bool = True) -> int:
+        """Takes what was seen over the last dt s, an action's number or NONE. Returns the action that holds.
+
+        An action begins only where it is `confirmed`.
+        """
+        self._since = self._since + dt if seen == self._seen else dt
+        self._seen = seen
+        self._unseen = self._unseen + dt if seen != self.action else 0.0
+        if seen not in (self.action, NONE) and confirmed and self._since >= self._dwell - 1e-9:
+            self.action, self._unseen = seen, 0.0
+        elif self._unseen >= self._release - 1e-9:
+            self.action = NONE
         return self.action

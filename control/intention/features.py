@@ -100,7 +100,15 @@ def features(window: Array) -> Array:
     ahead, _, aside = window[-1, POSTURE + 3 :].tolist()
     size = (ahead * ahead + aside * aside) ** 0.5 + 1e-9
     s, c = ahead / size, aside / size  # the heading: forward is (s, c) in x and z
-    return np.concatenate([mean, trend, np.sqrt(spread + 1e-4), [s * x + c * z, y, c * x - s * z]])
+    return np.concatenate([mean, trend, np.sqrt(spread + _LEAST), [s * x + c * z, y, c * x - s * z]])
 
 
 _TRENDS: Final = float(_RAMP @ _RAMP) / FRAMES / 4.0
+_LEAST: Final = 1e-4  # added to the variance of what doesn't move
+
+
+def moved(found: Array) -> float:
+    """How far the posture moved within a window: rms angle of the direction that moved most, rad, of `features`."""
+    trend, spread = found[POSTURE : 2 * POSTURE], found[2 * POSTURE : 3 * POSTURE]
+    variance = (_TRENDS * trend * trend + spread * spread - _LEAST).reshape(-1, 3).sum(axis=1)
+    return float(max(variance.max(), 0.0) ** 0.5)

@@ -7,14 +7,14 @@ is none of those that were learned, and a dwell. Made by `srl calibrate PROFILE 
 from __future__ import annotations
 
 from math import isfinite
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
 
 from srl.control.intention import record
 from srl.control.intention.decision import NONE, Decision
-from srl.control.intention.features import FRAME, FRAMES, RATE, features, frame, joints
+from srl.control.intention.features import FRAME, FRAMES, RATE, features, frame, joints, moved
 from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.files import FileOption, KeptFile
 from srl.runtime.contracts.signals import Array, Signal
@@ -37,6 +37,11 @@ class IntentionConfig(ControllerConfig):
         None, ge=0.0, le=10.0, description="s for which an action must be seen before it holds; null: the file's"
     )
     release: float | None = Field(None, ge=0.0, le=10.0, description="s without it before it ends; null: the file's")
+    confirm: Literal["hold", "press"] | None = Field(
+        None, description="what an action also needs to become active: the person holds still, or a press (`confirm`)"
+    )
+    still: float = Field(0.06, gt=0.0, le=1.0, description="rad rms, within which each bone holds still for a second")
+    press_time: float = Field(2.0, gt=0.0, le=30.0, description="s for which a press confirms the next action")
 
 
 class Intention(Controller):
@@ -47,6 +52,10 @@ class Intention(Controller):
     Outputs: `action` (k,), 1 for the one that holds, all 0 for none; `posterior` (k,), how likely each is in the last
     second's motion; `confidence` (1,), the posterior of the most likely class, be it an action or not; `distance` (1,),
     of the motion from that class, as a share of what still belongs to it; `rejected` (1,), 1 where it doesn't.
+
+    An action becomes active once the motion is near enough to it (the file's `trigger`) for `dwell`. With
+    `confirm: hold` the last second must have been still, too; with `confirm: press` the input `confirm` (1,) must have
+    risen above 0.5 within `press_time`, and have been lower before. One press confirms one action.
 
     It looks 20 times a second at the last second. Before it has a whole one, nothing is recognised. A sample that isn't
     finite ends what holds, and a whole second must come again.
@@ -64,6 +73,8 @@ class Intention(Controller):
         self._whitening = found.whitening()
         self._means = found.means @ self._whitening.T
         self._limits, self._temperature = found.limits, found.temperature
+        self._trigger = [each.trigger for each in made.classes]
+        self._confirm, self._still, self._press_time = config.confirm, config.still, config.press_time
         chosen = {
             key: getattr(made.thresholds, key) if (own := getattr(config, key)) is None else own
             for key in ("confidence", "dwell", "release")
@@ -75,6 +86,8 @@ class Intention(Controller):
             Signal(name="rotation", shape=(len(needed), 4), unit="1", labels=needed, components=(QUATERNION,)),
             Signal(name="translation", shape=(len(needed), 3), unit="m", labels=needed, components=(POINT,)),
         )
+        if config.confirm == "press":
+            self.inputs += (Signal(name="confirm", shape=(1,), unit="1"),)
         self.outputs = (
             Signal(name="action", shape=(self._k,), unit="1", labels=made.actions),
             Signal(name="posterior", shape=(self._k,), unit="1", labels=made.actions),
@@ -87,6 +100,7 @@ class Intention(Controller):
 
     def _clear(self) -> None:
         self._filled, self._waited = 0, 0.0
+        self._released, self._pressed = False, 0.0
         self._times = np.zeros(self._k, np.intp)
         self._looks = self._rejections = self._gaps = 0
 
@@ -96,6 +110,8 @@ class Intention(Controller):
         self._nothing()
 
     def update(self, dt: float) -> None:
+        if self._confirm == "press":
+            self._press(float(self.input["confirm"][0]), dt)
         # The first frame is taken at once.
         self._waited = self._waited + dt if self._filled else _PERIOD
         if self._waited < _PERIOD - 1e-9:
@@ -115,6 +131,13 @@ class Intention(Controller):
         if self._filled == FRAMES:
             self._look(features(window), looks * _PERIOD)
 
+    def _press(self, level: float, dt: float) -> None:
+        """A rise confirms for a while. A level that isn't a number is no press, and must be seen low again."""
+        self._pressed = max(self._pressed - dt, 0.0)
+        if level > 0.5 and self._released:
+            self._pressed = self._press_time
+        self._released = level <= 0.5
+
     def _look(self, found: Array, since: float) -> None:
         """Takes the newest features, `since` s after those before."""
         away = self._means - self._whitening @ found
@@ -124,11 +147,15 @@ class Intention(Controller):
         likely = np.exp((distances[best] - distances) / (2.0 * self._temperature))
         likely /= likely.sum()
         rejected, confidence = share > 1.0, float(likely[best])
-        counts = not rejected and best < self._k and confidence >= self._confidence
+        counts = best < self._k and share <= self._trigger[best] and confidence >= self._confidence
         before = self._decision.action
-        action = self._decision.next(best if counts else NONE, since)
+        if self._confirm == "hold" and best != before:
+            counts = counts and moved(found) <= self._still
+        confirmed = self._confirm != "press" or self._pressed > 0.0
+        action = self._decision.next(best if counts else NONE, since, confirmed)
         if action not in (before, NONE):
             self._times[action] += 1
+            self._pressed = 0.0
         self._looks += 1
         self._rejections += rejected
         out = self.output
@@ -140,6 +167,7 @@ class Intention(Controller):
 
     def _nothing(self) -> None:
         self._decision.clear()
+        self._pressed = 0.0
         for name in ("action", "posterior", "confidence", "distance", "rejected"):
             self.output[name][:] = 0.0
 

@@ -21,13 +21,17 @@ _LEAST: Final = 1e-6  # smallest eigenvalue of the covariance, by which its samp
 
 
 class Class(BaseModel):
-    """An action, or what isn't one. Names and units: `Discriminant`; `seen` and the like: `Held`."""
+    """An action, or what isn't one. Names and units: `Discriminant`, `Triggers`; `taken_for`: `Held.confusion`.
+
+    A file without `trigger` is older: its actions count within their whole limit.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     label: Name
     mean: Row
     limit: Annotated[FiniteFloat, Field(gt=0.0)]
+    trigger: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 1.0
     taken_for: tuple[NonNegativeInt, ...]
 
 
@@ -46,6 +50,7 @@ class Record(BaseModel):
         covariance: within the classes: rows of the lower triangle.
         temperature: as in `Discriminant`.
         held_out: share of the held-out windows that were taken for what they are.
+        everyday: s of the wearer's everyday motion that triggers nothing.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -62,11 +67,14 @@ class Record(BaseModel):
     covariance: tuple[Row, ...]
     temperature: Annotated[FiniteFloat, Field(gt=0.0)]
     held_out: FiniteFloat
+    everyday: Annotated[FiniteFloat, Field(ge=0.0)] = 0.0
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if (self.rate, self.frames) != (RATE, FRAMES):
             raise ValueError(f"its windows are {self.frames} frames at {self.rate} Hz, here {FRAMES} at {RATE:g} Hz")
+        if self.thresholds.dwell is None:
+            raise ValueError("it doesn't say for how long an action must be seen (`dwell`)")
         labels = [each.label for each in self.classes]
         if len(set(labels)) < len(labels) or len(self.actions) < 2:
             raise ValueError("it needs two actions, and each a name of its own")
@@ -96,9 +104,12 @@ class Record(BaseModel):
             {"label": label, "mean": mean.tolist(), "limit": float(limit), "taken_for": row.tolist()}
             for label, mean, limit, row in zip(made.labels, found.means, found.limits, held.confusion, strict=True)
         ]
+        for row, trigger in zip(classes, made.triggers.limits.tolist(), strict=False):
+            row["trigger"] = trigger
         values = {
             "format": FORMAT, "person": person, "date": date, "simulated": simulated, "rate": RATE, "frames": FRAMES,
-            "trunk": tuple(trunk), "thresholds": thresholds, "classes": classes,
+            "trunk": tuple(trunk), "thresholds": thresholds.model_copy(update={"dwell": made.triggers.dwell}),
+            "classes": classes, "everyday": made.triggers.everyday,
             "covariance": [row[: i + 1].tolist() for i, row in enumerate(found.covariance)],
             "temperature": found.temperature, "held_out": held.accuracy,
         }  # fmt: skip

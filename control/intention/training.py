@@ -13,12 +13,15 @@ from pydantic import Field
 from srl.control.intention.decision import NONE, Decision
 from srl.control.intention.discriminant import Discriminant, fit, posterior, temperature
 from srl.control.intention.features import FRAMES, RATE, features
+from srl.control.intention.triggers import DWELLS, SHARES, Triggers, choose
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
 BACKGROUND: Final = ("stand", "walk")
 """What isn't an action, though it has a class: the recogniser must know it to tell actions from it."""
+EVERYDAY: Final = "everyday"
+"""The label of motion that means none of the actions. It has no class: it sets how near to an action counts."""
 _STEP: Final = 2  # frames between two windows that are learned from
 
 
@@ -46,7 +49,21 @@ class Thresholds(Options):
         1.3, ge=1.0, le=3.0, description="by which the limits are wider than that, in squared distance"
     )
     confidence: float = Field(0.6, ge=0.2, le=1.0, description="least posterior of an action that counts as seen")
-    dwell: float = Field(0.3, ge=0.0, le=3.0, description="s for which an action must be seen before it holds")
+    dwell: float | None = Field(
+        None, ge=0.0, le=3.0, description="s for which an action must be seen before it is active; null: chosen"
+    )
+    trigger: float | None = Field(
+        None, gt=0.0, le=1.0, description="share of the limits within which an action counts as meant; null: chosen"
+    )
+    cost: float = Field(
+        1.0,
+        ge=0.0,
+        le=100.0,
+        description="of a trigger by an unknown motion, in missed actions",
+    )
+    alarms: float = Field(
+        1.0, gt=0.0, description="a minute, that the everyday motion must show to be unlikely (95 %), if it is recorded"
+    )
     release: float = Field(0.3, ge=0.0, le=3.0, description="s without it before it ends")
     recall: float = Field(
         0.7, ge=0.5, le=1.0, description="least share of an action's held-out windows that are seen as this action"
@@ -59,7 +76,7 @@ class Trial:
     """One stretch of motion under one label.
 
     Attributes:
-        label: an action's name, or one of BACKGROUND.
+        label: an action's name, one of BACKGROUND, or EVERYDAY.
         group: number of the repetition, or of the person, that is held out together.
         frames: (T, FRAME) at RATE.
     """
@@ -71,11 +88,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class Recogniser:
-    """The classes' names, actions first and then those of BACKGROUND that were recorded, and their discriminant."""
+    """The classes' names (actions, then those of BACKGROUND that were recorded), their discriminant, and triggers."""
 
     actions: tuple[str, ...]
     background: tuple[str, ...]
     discriminant: Discriminant
+    triggers: Triggers
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -127,6 +145,8 @@ def train(trials: Sequence[Trial], thresholds: Thresholds) -> tuple[Recogniser, 
     Raises:
         TrainingError: there are too few actions or repetitions, or a trial is too short.
     """
+    everyday = [windows(trial.frames) for trial in trials if trial.label == EVERYDAY]
+    trials = [trial for trial in trials if trial.label != EVERYDAY]
     labels = [trial.label for trial in trials]
     actions = tuple(dict.fromkeys(label for label in labels if label not in BACKGROUND))
     background = tuple(label for label in BACKGROUND if label in labels)
@@ -149,8 +169,15 @@ def train(trials: Sequence[Trial], thresholds: Thresholds) -> tuple[Recogniser, 
     found = replace(
         _fit(some, kind, len(names)), limits=thresholds.slack * limits, temperature=temperature(apart, truth)
     )
-    made = Recogniser(actions, background, found)
-    return made, _judge(made, thresholds, list(zip(kind.tolist(), distances, strict=True)))
+    parts = list(zip(kind.tolist(), distances, strict=True))
+    triggers = choose(
+        found, len(actions), parts, [found.distances(each) for each in everyday if len(each)],
+        confidence=thresholds.confidence, cost=thresholds.cost, slack=thresholds.slack,
+        dwells=DWELLS if thresholds.dwell is None else (thresholds.dwell,),
+        shares=SHARES if thresholds.trigger is None else (thresholds.trigger,),
+    )  # fmt: skip
+    made = Recogniser(actions, background, found, triggers)
+    return made, _judge(made, thresholds, parts)
 
 
 def seen(recogniser: Recogniser, distances: Array) -> tuple[NDArray[np.intp], Array]:
@@ -167,6 +194,14 @@ def refusals(recogniser: Recogniser, held: Held, thresholds: Thresholds) -> tupl
 
 def _refused(recogniser: Recogniser, held: Held, thresholds: Thresholds) -> Iterator[TrainingError]:
     names = (*recogniser.labels, "nothing known")
+    triggers = recogniser.triggers
+    if triggers.everyday > 0.0 and triggers.alarms > thresholds.alarms:
+        problem = (
+            f"{triggers.everyday:.0f} s without a false activation show at most {triggers.alarms:.1f} a minute, "
+            f"{thresholds.alarms:g} may be"
+        )
+        remedy = f"Record {triggers.alarms * triggers.everyday / thresholds.alarms:.0f} s or more"
+        yield TrainingError(EVERYDAY, problem, f"{remedy} (`--option everyday`), or allow more (`--option alarms`)")
     for k, action in enumerate(recogniser.actions):
         row = held.confusion[k]
         share, found = row[k] / row.sum(), held.found[k] / held.trials[k]
@@ -181,6 +216,9 @@ def _refused(recogniser: Recogniser, held: Held, thresholds: Thresholds) -> Iter
             yield TrainingError(f"action {action}", problem, remedy)
         elif found < thresholds.found:
             problem = f"it is found in {held.found[k]} of {held.trials[k]} held-out trials"
+            if triggers.limits[k] < triggers.limits.max():
+                problem += ": the everyday motion looks like it"
+                remedy = "Choose an action that you don't do anyway, or leave it out"
             yield TrainingError(f"action {action}", problem, remedy)
 
 
@@ -214,13 +252,16 @@ def _judge(recogniser: Recogniser, thresholds: Thresholds, parts: list[tuple[int
     found, wrong, trials = (np.zeros(k, np.intp) for _ in range(3))
     delays: list[list[float]] = [[] for _ in range(k)]
     alarms, seconds = 0, 0.0
+    limits = recogniser.discriminant.limits * np.append(recogniser.triggers.limits, np.zeros(m - k))
     for kind, distances in parts:
         best, likely = seen(recogniser, distances)
         confusion[kind] += np.bincount(best, minlength=m + 1)
-        decision, held = Decision(thresholds.dwell, thresholds.release), list[tuple[int, int]]()
-        for at, (number, sure) in enumerate(zip(best.tolist(), likely.max(axis=1).tolist(), strict=True)):
+        decision, held = Decision(recogniser.triggers.dwell, thresholds.release), list[tuple[int, int]]()
+        nearest = distances.argmin(axis=1)
+        counts = (distances.min(axis=1) <= limits[nearest]) & (likely.max(axis=1) >= thresholds.confidence)
+        for at, number in enumerate(np.where(counts, nearest, NONE).tolist()):
             before = decision.action
-            action = decision.next(number if number < k and sure >= thresholds.confidence else NONE, 1.0 / RATE)
+            action = decision.next(number, 1.0 / RATE)
             if action not in (before, NONE):
                 held.append((at, action))
         if kind >= k:

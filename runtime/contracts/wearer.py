@@ -135,6 +135,11 @@ class Return:
 
 
 @dataclass(frozen=True)
+class Everyday:
+    """Move as one does all day, and mean nothing by it: reach for things with one arm or the other, and rest."""
+
+
+@dataclass(frozen=True)
 class Drive:
     """Move one joint of a limb by held keys until it stands as said. Done when it stands there and the keys are free.
 
@@ -149,7 +154,9 @@ class Drive:
     commanded: float | None = None
 
 
-Instruction = Drive | Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return
+Instruction = (
+    Drive | Everyday | Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return
+)
 
 
 class Wearer(Protocol):

@@ -14,14 +14,16 @@ import numpy as np
 from srl.drivers.noitom.skeleton import JOINTS, Skeleton, is_finger
 from srl.runtime.contracts.rotation import EulerQuaternions, exp
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.wearer import Instruction, Perform, Rest, Return, Walk
+from srl.runtime.contracts.wearer import Everyday, Instruction, Perform, Rest, Return, Walk
 from srl.sim.wearer.actions import at_ease, beyond_ease, waving
 from srl.sim.wearer.gait import RADIUS, add_gait, walked
 from srl.sim.wearer.motion import minimum_jerk, quintic
 from srl.sim.wearer.people import Subject, sway
+from srl.sim.wearer.reaching import Reaching
 
 _START: Final = 1.5  # s, from standing to walking, and back
 _FADE: Final = 0.3  # s, in which what is repeated sets in
+_EVERYDAY: Final = 0xDA1  # seed of what a person reaches for
 
 
 @dataclass(frozen=True)
@@ -57,14 +59,15 @@ class Performer:
         still = np.array([[0.0 if is_finger(name) else 1.0] for name in skeleton.names])
         self._sway = amplitude * still
         self._quaternions = EulerQuaternions("YXZ", JOINTS)
+        self._reaching = Reaching((who.number, _EVERYDAY), self._index)
         self._instructed = [
             _Instructed(-np.inf, Rest(), self._ease, self._ease, np.zeros((JOINTS, 3)), 0.0, 0.0, who.reaction)
         ]
 
     def instruct(self, t: float, given: Instruction) -> None:
-        """From t s on does this: Rest, Walk, Return or Perform. Raises ValueError: it can't, or it is early."""
-        if not isinstance(given, Rest | Walk | Return | Perform):
-            raise ValueError(f"a whole body isn't told to {type(given).__name__}: Rest, Walk, Return or Perform")
+        """From t s on does this: Rest, Walk, Return, Perform or Everyday. Raises ValueError: it can't, or is early."""
+        if not isinstance(given, Rest | Walk | Return | Perform | Everyday):
+            raise ValueError(f"a whole body can't do {type(given).__name__}: Rest, Walk, Return, Perform or Everyday")
         if t < self._instructed[-1].since:
             raise ValueError("instructions come in the order of time")
         after, again = self._ease, np.zeros((JOINTS, 3))
@@ -115,7 +118,9 @@ class Performer:
         share = minimum_jerk((late - who.stagger) / who.move)[:, None] if np.isfinite(instructed.since) else 1.0
         angles = instructed.before + share * (instructed.after - instructed.before)
         more = late - who.move
-        if more > 0.0 and np.isfinite(more):
+        if isinstance(instructed.given, Everyday) and more > 0.0:
+            angles = angles + self._reaching.at(more)
+        elif more > 0.0 and np.isfinite(more):
             fade = quintic(min(more / _FADE, 1.0))
             angles = angles + fade * np.sin(2.0 * np.pi * who.frequency * more) * instructed.again
         return np.asarray(angles)

@@ -30,6 +30,7 @@ from srl.studies.tasks.task import Value
 
 UNRELATED: Final = ("stand", "walk", "stop-and-go", "reach")
 _STOP_AND_GO: Final = 4.0  # s, of standing and of walking, in turn
+_EVERYDAY: Final = 185.0  # s, as a calibration asks for
 _NOISE: Final = 0.002  # rad, of the suit, as in its fake
 _AFTER: Final = 0.6  # s after an action's end in which it may still hold
 
@@ -63,11 +64,20 @@ def play(law: Intention, rotation: Array, translation: Array) -> Played:
 
 
 def made_of(
-    numbers: Sequence[int], repetitions: int, thresholds: Thresholds, without: str = ""
-) -> tuple[Recogniser, Held]:
-    """A recogniser of these people, each of whom is held out in turn for its limits. `without`: an action."""
+    numbers: Sequence[int], repetitions: int, thresholds: Thresholds, without: str = "",
+    everyday: tuple[Trial, ...] = (),
+) -> tuple[Recogniser, Held]:  # fmt: skip
+    """A recogniser of these people, each of whom is held out in turn for its limits.
+
+    Args:
+        numbers: of the people.
+        repetitions: of each action.
+        thresholds: of the recogniser.
+        without: an action that is left out.
+        everyday: the wearer's own everyday motion, which must trigger nothing.
+    """
     every = [t for n in numbers for t in _trials(n, repetitions) if t.label != without]
-    return train(every, thresholds)
+    return train([*every, *everyday], thresholds)
 
 
 @cache
@@ -157,7 +167,8 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         text: unused.
         parameters: `person`, the number; `others`, of whom the recogniser is made; `repetitions` of each of them, and
             `tried` of the person; `left_out`, an action that the second recogniser has never seen; `unrelated`, s of
-            each kind; `thresholds`, that differ; `misfit`, degrees rms.
+            each kind; `thresholds`, that differ; `misfit`, degrees rms; `everyday`, s of the person's own everyday
+            motion, in another session, that sets the triggers; `confirm`, as the law's.
         seed: of how the suit sits.
     Returns:
         Columns of `scores`; KIND_activations: how often an action began in `unrelated` s; unseen_rejected: share of the
@@ -165,7 +176,9 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     """
     number, repetitions, misfit = parameters["person"], parameters["repetitions"], parameters.get("misfit", MISFIT)
     thresholds = Thresholds.model_validate(parameters.get("thresholds", {}))
-    law = law_of(made_of(parameters["others"], repetitions, thresholds), thresholds)
+    seconds, confirm = parameters.get("everyday", _EVERYDAY), parameters.get("confirm")
+    daily = (people.everyday(number, seconds, 0, misfit),) if seconds > 0.0 else ()
+    law = law_of(made_of(parameters["others"], repetitions, thresholds, everyday=daily), thresholds, confirm)
     names = law.outputs[0].labels
     own = people.session(number, parameters["tried"], seed, misfit)
     found = scores(own, play(law, own.rotation, own.translation), names, thresholds.confidence, thresholds.lead)
@@ -173,7 +186,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         motion = other_motion(kind, number, parameters["unrelated"], misfit)
         found[f"{kind}_activations"] = len(onsets(play(law, *motion).action))
     out = parameters["left_out"]
-    blind = law_of(made_of(parameters["others"], repetitions, thresholds, out), thresholds)
+    blind = law_of(made_of(parameters["others"], repetitions, thresholds, out, daily), thresholds, confirm)
     names, played = blind.outputs[0].labels, play(blind, own.rotation, own.translation)
     again = scores(own, played, names, thresholds.confidence, thresholds.lead)
     return found | {"unseen_rejected": again[f"{out}_rejected"], "unseen_taken": again[f"{out}_another"]}

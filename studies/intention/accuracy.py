@@ -11,7 +11,7 @@ import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -29,11 +29,11 @@ _SECONDS: Final = 60.0
 _DAY: Final = datetime.date(2026, 1, 1)  # of a recogniser that no file keeps
 
 
-def law_of(made: tuple[Recogniser, Held], thresholds: Thresholds) -> Intention:
+def law_of(made: tuple[Recogniser, Held], thresholds: Thresholds, confirm: Literal["hold"] | None = None) -> Intention:
     """The law with a recogniser of simulated people, bound to arrays of its own."""
     record = Record.of(*made, thresholds, person="simulated", date=_DAY, simulated=True, trunk=TRUNK)
     file = KeptFile(Path("simulated.json"), record.model_dump_json().encode())
-    return bound(Intention("intention", IntentionConfig(recogniser=file)))
+    return bound(Intention("intention", IntentionConfig(recogniser=file, confirm=confirm)))
 
 
 def actions(law: Intention, rotation: Array, translation: Array, dt: float = DT) -> Array:

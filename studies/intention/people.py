@@ -8,10 +8,10 @@ from typing import Final, get_args
 import numpy as np
 
 from srl.control.intention.features import RATE, frames, joints, trunk_of
-from srl.control.intention.training import Thresholds, Trial
+from srl.control.intention.training import EVERYDAY, Thresholds, Trial
 from srl.drivers.noitom.skeleton import Skeleton
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.wearer import Action, Perform, Rest, Walk
+from srl.runtime.contracts.wearer import Action, Everyday, Perform, Rest, Walk
 from srl.sim.parts.body.motion import Script, Scripted
 from srl.sim.wearer.people import MISFIT, subject
 from srl.sim.wearer.performer import Performer, measured
@@ -93,6 +93,17 @@ def session(number: int, repetitions: int = 3, seed: int = 0, misfit: float = MI
     times = np.arange(0.0, t, DT)
     rotation, translation = measured(person, times, misfit, _NOISE, seed=1000 * number + seed)
     return Session(times, rotation[:, JOINTS], translation[:, JOINTS], tuple(labels))
+
+
+def everyday(number: int, seconds: float = 185.0, seed: int = 0, misfit: float = MISFIT) -> Trial:
+    """A simulated person's everyday motion: half of the time it reaches about, a quarter each it walks and stands."""
+    person = Performer(subject(number, SKELETON.names), SKELETON)
+    person.instruct(0.0, Everyday())
+    person.instruct(0.5 * seconds, Walk())
+    person.instruct(0.75 * seconds, Rest())
+    seed = 1000 * number + seed + 500
+    rotation, translation = measured(person, np.arange(0.0, seconds, DT), misfit, _NOISE, seed=seed)
+    return Trial(EVERYDAY, 0, frames(rotation[:, JOINTS], translation[:, JOINTS]))
 
 
 def unrelated(kind: Script, seconds: float, seed: int = 1) -> tuple[Array, Array]:

@@ -48,9 +48,9 @@ def own(number: int) -> tuple[Recogniser, Held]:
 
 
 @cache
-def of_people(numbers: tuple[int, ...]) -> tuple[Recogniser, Held]:
+def of_people(numbers: tuple[int, ...], thresholds: Thresholds = THRESHOLDS) -> tuple[Recogniser, Held]:
     """A recogniser of several simulated people, each of whom was held out in turn."""
-    return train([t for n in numbers for t in session(n, 2).trials(group=n)], THRESHOLDS)
+    return train([t for n in numbers for t in session(n, 2).trials(group=n)], thresholds)
 
 
 def record_of(made: tuple[Recogniser, Held], person: str = "S1") -> Record:

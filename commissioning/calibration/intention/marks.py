@@ -1,8 +1,9 @@
 """The marks of a calibration of `intention`, by which each row says what the person was to do, and their law.
 
 A mark is one number, so that it changes in one cycle: 0 nothing that counts; 1 the trial just before doesn't count;
-100 * round + number in a trial, both from 1 on. The numbers are those of the actions in their order, then STAND and
-WALK. It is a parameter of the law `intention-marks`. Where a trial was made again, the last one that counts is taken.
+100 * round + number in a trial, both from 1 on. The numbers are those of the actions in their order, then EVERYDAY,
+STAND and WALK. It is a parameter of the law `intention-marks`. Where a trial was made again, the last one that counts
+is taken.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from srl.runtime.models.record_file import Name
 IDLE: Final = 0
 VOID: Final = 1
 MOST_ROUNDS: Final = 50
+EVERYDAY: Final = 97
 STAND: Final = 98
 WALK: Final = 99
 ROUND: Final = 100
 
 
 def mark_of(turn: int, number: int) -> int:
-    """The mark of a trial in a round, from 0 on; `number` is STAND, WALK, or an action's number, from 0 on."""
-    return ROUND * (turn + 1) + (number if number in (STAND, WALK) else number + 1)
+    """The mark of a trial in a round, from 0 on; `number`: EVERYDAY, STAND, WALK, or an action's number, from 0 on."""
+    return ROUND * (turn + 1) + (number if number >= EVERYDAY else number + 1)
 
 
 class IntentionMarksConfig(ControllerConfig):

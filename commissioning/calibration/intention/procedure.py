@@ -1,7 +1,7 @@
 """The guided procedure that records a person's actions: what to do now, what counts, when a step is over.
 
 Pure: it is fed with samples and asked for its view. In each round the person stands at ease, does every action once in
-an order that changes, and walks.
+an order that changes, and walks. At the end the person moves as all day, and means nothing by it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from srl.commissioning.calibration.intention.samples import Samples
 from srl.control.intention.features import POSTURE
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
-from srl.runtime.contracts.wearer import Action, Instruction, Perform, Rest, Walk
+from srl.runtime.contracts.wearer import Action, Everyday, Instruction, Perform, Rest, Walk
 
 ACTIONS: Final[tuple[str, ...]] = get_args(Action)
 _SEEN: Final = 0.9  # share of samples that must be measured
@@ -47,6 +47,9 @@ class Plan(Options):
     action: float = Field(3.0, ge=2.0, description="s of each action, from its word on")
     pause: float = Field(2.5, ge=1.0, description="s at ease after each action")
     walk: float = Field(8.0, ge=3.5, description="s of walking at the end of each round")
+    everyday: float = Field(
+        185.0, ge=0.0, le=3600.0, description="s of everyday motion at the end, which must trigger nothing; 0: none"
+    )
     patience: float = Field(20.0, gt=0.0, description="s beyond its time after which a step ends as it is")
 
 
@@ -57,6 +60,7 @@ class Kind(Enum):
     ACTION = "action"
     PAUSE = "pause"
     WALK = "walk"
+    EVERYDAY = "everyday"
     DONE = "done"
 
 
@@ -75,7 +79,9 @@ class Step:
     @property
     def mark(self) -> int:
         """The mark of its samples."""
-        number = {Kind.STAND: marks.STAND, Kind.WALK: marks.WALK, Kind.ACTION: self.action}.get(self.kind)
+        number = {
+            Kind.STAND: marks.STAND, Kind.WALK: marks.WALK, Kind.EVERYDAY: marks.EVERYDAY, Kind.ACTION: self.action,
+        }.get(self.kind)  # fmt: skip
         return self.undone if number is None else marks.mark_of(self.turn, number)
 
 
@@ -92,6 +98,8 @@ class Procedure(StepProcedure):
             for number in np.random.default_rng(turn).permutation(len(actions)).tolist():
                 self._left += self._trial(turn, number)
             self._left.append(Step(Kind.WALK, turn))
+        if self.plan.everyday > 0.0 and not again:
+            self._left.append(Step(Kind.EVERYDAY, 0))
         self._next()
 
     def _columns_of(self, samples: Samples, own: Any) -> tuple[Array, ...]:
@@ -114,6 +122,8 @@ class Procedure(StepProcedure):
             if name not in ACTIONS:
                 raise ValueError(f"a simulated wearer can't do '{name}'")
             return Perform(cast(Action, name))
+        if self.step.kind is Kind.EVERYDAY:
+            return Everyday()
         return Walk() if self.step.kind is Kind.WALK else Rest()
 
     def go_on(self) -> str:
@@ -134,7 +144,7 @@ class Procedure(StepProcedure):
         left = deque(step for step in ([] if self.done else [self.step, *self._left]) if step.action != at)
         for turn in range(self.plan.rounds):
             left.extendleft(reversed(self._trial(self.plan.rounds - 1 - turn, at)))
-        trial = self.step.kind in (Kind.STAND, Kind.ACTION, Kind.WALK)
+        trial = self.step.kind in (Kind.STAND, Kind.ACTION, Kind.WALK, Kind.EVERYDAY)
         left.appendleft(Step(Kind.PAUSE, undone=marks.VOID if trial else marks.IDLE))
         self._left, self._states[at] = left, "waiting"
         self._next()
@@ -174,9 +184,11 @@ class Procedure(StepProcedure):
     def _span(self) -> float:
         """s that the step takes at best."""
         plan = self.plan
-        return {Kind.STAND: plan.stand, Kind.ACTION: plan.action, Kind.PAUSE: plan.pause, Kind.WALK: plan.walk}.get(
-            self.step.kind, 1.0
-        )
+        spans = {
+            Kind.STAND: plan.stand, Kind.ACTION: plan.action, Kind.PAUSE: plan.pause, Kind.WALK: plan.walk,
+            Kind.EVERYDAY: plan.everyday,
+        }  # fmt: skip
+        return spans.get(self.step.kind, 1.0)
 
     def _moved(self) -> float:
         """The largest range of a number that describes the posture."""
@@ -196,6 +208,8 @@ class Procedure(StepProcedure):
             return f"{what}; go on until the next word ({name}, {step.turn + 1} of {self.plan.rounds})"
         if step.kind is Kind.WALK:
             return f"Walk about at an easy pace (round {step.turn + 1} of {self.plan.rounds})"
+        if step.kind is Kind.EVERYDAY:
+            return "Move as you do all day: reach for things, turn, walk, talk; do none of the actions on purpose"
         if step.kind is Kind.STAND:
             return f"Stand at ease, the arms hanging (round {step.turn + 1} of {self.plan.rounds})"
         return "And back: stand at ease"

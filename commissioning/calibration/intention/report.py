@@ -31,6 +31,9 @@ def metrics(result: Result[Trained]) -> dict[str, Any]:
         "alarms": held.alarms,
         "background_s": held.seconds,
         "temperature": made.discriminant.temperature,
+        "dwell_s": made.triggers.dwell,
+        "unknown_taken": made.triggers.unknown,
+        "everyday_s": made.triggers.everyday,
         "actions": {
             name: {
                 "windows": int(held.confusion[k].sum()),
@@ -39,6 +42,7 @@ def metrics(result: Result[Trained]) -> dict[str, Any]:
                 "trials": int(held.trials[k]),
                 "found": int(held.found[k]),
                 "wrong": int(held.wrong[k]),
+                "trigger": float(made.triggers.limits[k]),
                 "delay_s": None if np.isnan(held.delay[k]) else float(held.delay[k]),
             }
             for k, name in enumerate(made.actions)
@@ -50,7 +54,7 @@ def metrics(result: Result[Trained]) -> dict[str, Any]:
 
 def lines(result: Result[Trained]) -> list[str]:
     """The report as text."""
-    numbers = metrics(result)
+    numbers, made = metrics(result), result.found.made.triggers
     text = [
         f"person {result.person}{result.when}: {len(numbers['actions'])} actions; each round held out in turn: "
         f"{numbers['accuracy']:.1%} "
@@ -65,6 +69,16 @@ def lines(result: Result[Trained]) -> list[str]:
             f"  {row['wrong']:11d}  {delay:>7}"
         )
     text.append(f"  standing and walking for {numbers['background_s']:.0f} s: {numbers['alarms']} actions found")
+    text.append(
+        f"  an action counts once it is seen for {numbers['dwell_s']:g} s; of actions that it doesn't know, "
+        f"{numbers['unknown_taken']:.0%} are taken for another one"
+    )
+    seconds = numbers["everyday_s"]
+    text.append(
+        f"  everyday motion: no false activation in {seconds:.0f} s, so at most {made.alarms:.1f} a minute (95 %)"
+        if seconds > 0.0
+        else "  everyday motion: none was recorded; how often it triggers an action is unknown"
+    )
     return text
 
 

@@ -8,12 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from srl.commissioning.calibration.intention.marks import IDLE, ROUND, STAND, VOID, WALK
+from srl.commissioning.calibration.intention.marks import EVERYDAY, IDLE, ROUND, VOID
 from srl.commissioning.calibration.marks import Indices, MarkedSamples, stretch_of
 from srl.control.intention.features import RATE
 from srl.control.intention.training import BACKGROUND, Thresholds, TrainingError, Trial
+from srl.control.intention.training import EVERYDAY as EVERYDAY_LABEL
 from srl.runtime.contracts.signals import Array
 
+LABELS: Final = (EVERYDAY_LABEL, *BACKGROUND)  # of the marks from EVERYDAY on
 _LOST: Final = 0.1  # share of a trial's samples that may be missing
 _STOP: Final = 0.25  # s between two samples from which on the run was stopped between them
 
@@ -43,8 +45,8 @@ def trials(parts: Sequence[Samples], actions: Sequence[str], thresholds: Thresho
         marks, times = _counting(part.marks), _running(part.times)
         for mark in np.unique(marks[marks >= ROUND]).tolist():
             turn, number = mark // ROUND - 1, mark % ROUND
-            background = number in (STAND, WALK)
-            label = BACKGROUND[number - STAND] if background else actions[number - 1]
+            background = number >= EVERYDAY
+            label = LABELS[number - EVERYDAY] if background else actions[number - 1]
             at = stretch_of(marks, mark)
             lead = thresholds.settle if background else thresholds.lead
             frames = _regular(times[at], part.frames[at], lead)
@@ -56,7 +58,7 @@ def trials(parts: Sequence[Samples], actions: Sequence[str], thresholds: Thresho
             found[turn, number] = Trial(label, turn, _filled(frames))
     if not found:
         raise TrainingError("recording", "it has no trial", "Record with `srl calibrate PROFILE intention`")
-    order = {label: i for i, label in enumerate((*actions, *BACKGROUND))}
+    order = {label: i for i, label in enumerate((*actions, *BACKGROUND, EVERYDAY_LABEL))}
     return sorted(found.values(), key=lambda trial: (trial.group, order[trial.label]))
 
 

@@ -19,11 +19,11 @@ from srl.runtime.contracts.signals import Array
 from srl.sim.wearer.actions import at_ease
 from srl.sim.wearer.gait import add_gait, walked
 from srl.sim.wearer.motion import minimum_jerk
+from srl.sim.wearer.reaching import Reaching
 from srl.sim.wearer.showing import LOWERED, showing
 
 Script = Literal["t-pose", "still", "walk", "reach", "show"]
 _START: Final = 2.0  # s, from standing to walking
-_MOVE, _REST = 1.2, 0.6  # s of a reaching movement, s of rest before the next
 
 
 class Motion(Protocol):
@@ -76,7 +76,7 @@ class Scripted:
         self._key = [seed, zlib.crc32(name.encode())]
         self._phases = np.random.default_rng(self._key).uniform(0.0, 2.0 * np.pi, 4)
         self._quaternions = EulerQuaternions("YXZ", JOINTS)
-        self._goals: dict[int, Array] = {}
+        self._reaching = Reaching(self._key, self._index)
         self._ease = at_ease(self._index)
 
     def at(self, t: float) -> tuple[Array, Array]:
@@ -87,9 +87,9 @@ class Scripted:
         if self._script == "walk":
             self._walk(max(t, 0.0), hips, angles)
         elif self._script == "reach":
-            angles += self._reach(max(t, 0.0))
+            angles += self._reaching.at(max(t, 0.0))
         elif self._script == "show":
-            angles += showing(t, self._index, JOINTS) if t < LOWERED else self._reach(t - LOWERED)
+            angles += showing(t, self._index, JOINTS) if t < LOWERED else self._reaching.at(t - LOWERED)
         rotations = np.empty((JOINTS, 4))
         self._quaternions.fill(np.deg2rad(angles), rotations)
         return hips, rotations
@@ -105,29 +105,3 @@ class Scripted:
     def _walk(self, t: float, hips: Array, angles: Array) -> None:
         gain = float(minimum_jerk(np.array(min(t / _START, 1.0))))
         add_gait(hips, angles, self._index, walked(t, _START), gain, self._scale)
-
-    def _reach(self, t: float) -> Array:
-        number = int(t // (_MOVE + _REST))
-        share = minimum_jerk(np.array((t - number * (_MOVE + _REST)) / _MOVE))
-        start, goal = self._goal(number - 1), self._goal(number)
-        return start + share * (goal - start)
-
-    def _goal(self, number: int) -> Array:
-        """Degrees that are added to the pose at ease at the end of movement `number`."""
-        if number in self._goals:
-            return self._goals[number]
-        angles = np.zeros((JOINTS, 3))
-        if number < 0:
-            return angles
-        rng = np.random.default_rng([*self._key, number])
-        side, sign = (("Right", -1.0), ("Left", 1.0))[number % 2]
-        forward, up, elbow = rng.uniform([40.0, 30.0, 0.0], [85.0, 80.0, 60.0])
-        angles[self._index[f"{side}Arm"]] = -sign * forward, 0.0, sign * up
-        angles[self._index[f"{side}ForeArm"], 0] = -sign * elbow
-        angles[self._index[f"{side}Hand"]] = rng.uniform(-20.0, 20.0, 3)
-        angles[self._index["Spine"], :2] = -sign * rng.uniform(0.0, 15.0), rng.uniform(0.0, 12.0)
-        angles[self._index["Head"], :2] = -sign * rng.uniform(0.0, 20.0), rng.uniform(0.0, 15.0)
-        if len(self._goals) > 4:
-            self._goals.clear()
-        self._goals[number] = angles
-        return angles

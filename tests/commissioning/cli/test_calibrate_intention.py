@@ -23,7 +23,8 @@ from srl.runtime.cli import main
 from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.models import record_file
 
-QUICK = [word for option in ("rounds=3", "pause=1.5", "stand=4", "walk=5") for word in ("--option", option)]
+_SHORT = ("rounds=3", "pause=1.5", "stand=4", "walk=5", "everyday=0")
+QUICK = [word for option in _SHORT for word in ("--option", option)]
 FOUR = "overhead,bend,turn-left,wave"
 Command = Callable[..., int]
 drawn = intention_report.draw

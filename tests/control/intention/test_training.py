@@ -22,7 +22,7 @@ FEW = Thresholds()
 
 def test_leave_one_person_out_on_simulated_people() -> None:
     """Simulated people: it says nothing about people."""
-    made, held = of_people(PEOPLE)
+    made, held = of_people(PEOPLE, Thresholds(dwell=0.3, trigger=1.0))
     assert set(made.actions) == set(ACTIONS)
     assert made.background == ("stand", "walk")
     assert held.accuracy > 0.90
@@ -107,7 +107,9 @@ def test_a_decision_never_holds_what_wasnt_seen_for_its_dwell(seen: list[int]) -
     decision = Decision(0.3, 0.3)
     held = [decision.next(k, 0.1) for k in seen]
     for at, (before, now) in enumerate(zip([NONE, *held], held, strict=False)):
-        if now != before:
+        if now == NONE and before != NONE:
+            assert before not in seen[at - 2 : at + 1]
+        elif now != before:
             assert seen[at - 2 : at + 1] == [now] * 3
 
 

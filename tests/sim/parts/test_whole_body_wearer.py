@@ -49,7 +49,7 @@ def test_what_it_is_told_ends_the_plan() -> None:
     assert world.wearer.done
     assert hands(world)[1] > still[1] + 0.5
     assert hands(world)[0] == pytest.approx(still[0], abs=0.1)
-    with pytest.raises(ValueError, match="isn't told to Hold"):
+    with pytest.raises(ValueError, match="can't do Hold"):
         world.wearer.instruct(Hold((0.0, 0.0, 0.0)))
 
 

@@ -156,7 +156,7 @@ def test_a_suits_misfit_is_as_large_as_it_says_and_stays() -> None:
 
 def test_what_it_cant_be_told_is_refused() -> None:
     who = person()
-    with pytest.raises(ValueError, match="isn't told to Explore"):
+    with pytest.raises(ValueError, match="can't do Explore"):
         who.instruct(1.0, Explore())
     who.instruct(1.0, Rest())
     with pytest.raises(ValueError, match="order of time"):

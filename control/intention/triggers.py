@@ -1,0 +1,124 @@
+"""When an action counts as meant: how near to it the motion must be, and for how long.
+
+A motion triggers an action where its squared distance stays within the share `limits` of the class's limit for `dwell`.
+Both are chosen on what was held out. An action must trigger itself: else it is missed. An action that the recogniser
+doesn't know must trigger nothing: each action is taken for unknown in turn, by leaving its class out of the comparison.
+The candidates are compared by the share of trials that are missed, plus `cost` times the share of those that trigger
+another action. The wearer's own everyday motion must trigger nothing at all: the limit of each action is lowered until
+none of it does, with a margin.
+
+The idea of judging a recogniser on classes that it hasn't seen is Scheirer's: Scheirer, Rocha, Sapkota, Boult, Toward
+open set recognition, IEEE TPAMI 35(7), 2013. If n minutes hold no event, a Poisson process has at most -ln(0.05) / n a
+minute, with 95 % confidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log
+from typing import Final
+
+import numpy as np
+
+from srl.control.intention.discriminant import Discriminant, posterior
+from srl.control.intention.features import RATE
+from srl.runtime.contracts.signals import Array
+
+DWELLS: Final = (0.3, 0.6, 1.0)  # s that are tried
+SHARES: Final = (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the limit, that are tried
+_CONFIDENCE: Final = -log(0.05)
+
+
+@dataclass(frozen=True)
+class Triggers:
+    """k actions.
+
+    Attributes:
+        dwell: s for which an action must be seen.
+        limits: (k,) share of the class's limit within which a motion must be.
+        missed: share of held-out trials that don't trigger their action.
+        unknown: share of them that trigger another action if theirs is unknown.
+        everyday: s of everyday motion that triggers nothing.
+    """
+
+    dwell: float
+    limits: Array
+    missed: float
+    unknown: float
+    everyday: float
+
+    @property
+    def alarms(self) -> float:
+        """False activations a minute that everyday motion may give: upper end of the one-sided 95 % interval."""
+        return 60.0 * _CONFIDENCE / self.everyday if self.everyday > 0.0 else float("inf")
+
+
+def least(found: Discriminant, distances: Array, k: int, confidence: float, dwell: float) -> Array:
+    """(k,): the share of the limit at which each action would just trigger in a motion; infinite if it never would.
+
+    Args:
+        found: with limits and temperature.
+        distances: (T, m), squared; the first k classes are the actions.
+        k: number of actions.
+        confidence: least posterior that counts.
+        dwell: s.
+    """
+    length = max(round(dwell * RATE), 1)
+    lowest = np.full(k, np.inf)
+    if len(distances) < length:
+        return lowest
+    best = distances.argmin(axis=1)
+    share = distances.min(axis=1) / found.limits[best]
+    sure = posterior(distances, found.temperature).max(axis=1) >= confidence
+    for action in np.unique(best[best < k]).tolist():
+        own = np.where(sure & (best == action), share, np.inf)
+        runs = np.lib.stride_tricks.sliding_window_view(own, length)
+        lowest[action] = runs.max(axis=1).min()
+    return lowest
+
+
+def choose(
+    found: Discriminant,
+    k: int,
+    trials: Sequence[tuple[int, Array]],
+    everyday: Sequence[Array],
+    *,
+    confidence: float,
+    cost: float,
+    slack: float,
+    dwells: Sequence[float] = DWELLS,
+    shares: Sequence[float] = SHARES,
+) -> Triggers:
+    """Chooses among `dwells` and `shares`; see the module's text. Of equals the shortest dwell, then the widest limit.
+
+    Args:
+        found: with limits and temperature.
+        k: number of actions.
+        trials: class and squared distances (T, m) of what was held out.
+        everyday: squared distances (T, m) of the wearer's everyday motion.
+        confidence: least posterior that counts.
+        cost: of a trial that triggers another action, in missed ones.
+        slack: by which everyday motion stays beyond the limits.
+        dwells, shares: the candidates.
+    """
+    own = [(kind, distances) for kind, distances in trials if kind < k]
+    blind = [(kind, np.where(np.arange(distances.shape[1]) == kind, np.inf, distances)) for kind, distances in own]
+    kinds = np.array([kind for kind, _ in own])
+    rows = np.arange(len(own))
+    best: tuple[float, Triggers] | None = None
+    for dwell in sorted(dwells):
+        hits = np.array([least(found, distances, k, confidence, dwell) for _, distances in own])
+        others = np.array([least(found, distances, k, confidence, dwell) for _, distances in blind])
+        reached = [least(found, distances, k, confidence, dwell) for distances in everyday]
+        most = np.min(reached, axis=0) / slack if reached else np.full(k, np.inf)
+        for share in sorted(shares, reverse=True):
+            limits = np.minimum(share, most)
+            missed = float((hits[rows, kinds] > limits[kinds]).mean())
+            unknown = float((others <= limits).any(axis=1).mean())
+            score = missed + cost * unknown
+            if best is None or score < best[0] - 1e-9:
+                seconds = sum(len(distances) for distances in everyday) / RATE
+                best = score, Triggers(dwell, limits, missed, unknown, seconds)
+    assert best is not None
+    return best[1]
