@@ -12,6 +12,7 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 # Sphinx imports what it hasn't yet as a type checker would, and pydantic can't work with names that exist only there.
+import srl.calibrating
 import srl.client
 import srl.links
 import srl.simulation

@@ -12,7 +12,8 @@ package written with them.
     srl.testing       tests of drivers, laws, parts and profiles
     srl.robots        descriptions of robots, and their Pinocchio models
     srl.trials        trials of studies as tasks;  srl.participant: the participant's screen
-    srl.calibrations  records that a driver reads
+    srl.calibrations  files and marks of a calibration: what drivers and laws need
+    srl.calibrating   what a kind of calibration of your own is made of
 
 Nothing is loaded before it is used.
 """
@@ -25,6 +26,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from srl.runtime.contracts import terms as terms
     from srl.runtime.contracts import transforms as transforms
+    from srl.runtime.contracts import wearer as wearer
     from srl.runtime.contracts.clearance import Braking as Braking
     from srl.runtime.contracts.clearance import Clearance as Clearance
     from srl.runtime.contracts.clearance import ClearanceConfig as ClearanceConfig
@@ -123,12 +125,13 @@ __all__ = [
     "__version__",
     "terms",
     "transforms",
+    "wearer",
 ]
 
 
 def __getattr__(name: str) -> Any:
     """The public names (PEP 562): imported at their first use."""
-    if name in ("terms", "transforms"):
+    if name in ("terms", "transforms", "wearer"):
         found: Any = import_module(f"srl.runtime.contracts.{name}")
     elif name in _MODULE:
         found = getattr(import_module(f"srl.runtime.contracts.{_MODULE[name]}"), name)

@@ -12,7 +12,6 @@ import shlex
 import subprocess
 import sys
 import threading
-import tomllib
 import tty
 import types
 import typing
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.lever import write_package
+from helpers.lever import write_installed
 from helpers.run import call, environment
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
@@ -212,16 +211,7 @@ def test_each_driver_has_a_page(driver: str) -> None:
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page's package, as if it were installed: its files, and its entry points."""
     folder = tmp_path_factory.mktemp("lever")
-    write_package(folder)
-    project = tomllib.loads((folder / "pyproject.toml").read_text())
-    assert project["tool"]["setuptools"]["packages"] == ["srl_lever"]
-    info = folder / "srl_lever-0.1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: srl-lever\nVersion: 0.1.0\n")
-    points = project["project"]["entry-points"]
-    (info / "entry_points.txt").write_text(
-        "".join(f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in items.items()) for group, items in points.items())
-    )
+    assert write_installed(folder)["tool"]["setuptools"]["packages"] == ["srl_lever"]
     return folder
 
 

@@ -25,7 +25,8 @@ from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Report, Screen
 from srl.commissioning.calibration.sources import RowSource, recorded
 from srl.commissioning.calibration.target import check_target, write_record
-from srl.runtime.contracts.errors import RequestError, SrlError
+from srl.runtime.contracts import registry
+from srl.runtime.contracts.errors import HostError, RequestError, SrlError
 from srl.runtime.ipc.launch import ANONYMOUS
 from srl.runtime.ipc.run_folder import ROOM, free_bytes
 from srl.runtime.models.models import bodies
@@ -37,6 +38,7 @@ from srl.runtime.recording.segments import folder_of
 from srl.runtime.service.end_signals import EndSignals
 
 _USABLE: Final = "Its recording can be used: --recording"
+_GROUP: Final = "calibrations"
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Result[Any] | SrlError
 
@@ -50,9 +52,29 @@ def method_of(law: str) -> type[Method[Any, Any]]:
     return found
 
 
+def kind_of(name: str) -> type[Method[Any, Any]]:
+    """How one of `KINDS`, or a kind of another package, is calibrated.
+
+    Raises:
+        ProfileError: there is no such kind.
+        HostError: the other package's can't be used, or has the name of ours.
+    """
+    place = f"entry points srl.{_GROUP}"
+    if name in METHODS:
+        if name in registry.names(_GROUP):
+            problem = f"a package claims '{name}', which is srl's own kind of calibration"
+            raise HostError(place, problem, "Uninstall the package, or have its author rename the kind")
+        return method_of(name)
+    found = registry.load(_GROUP, name, place)
+    if not (isinstance(found, type) and issubclass(found, Method) and found.name == name):
+        problem = f"'{name}' is no Method of srl.calibrating with this name"
+        raise HostError(place, problem, "docs/extending-calibration.md says what a kind is")
+    return found
+
+
 def run(request: CalibrationRequest, screen: Screen) -> int:
     """Returns 0 once the file is written, 130 after Ctrl-C. Errors are raised: a refused calibration is one."""
-    kind = method_of(request.kind)
+    kind = kind_of(request.kind)
     for option in fields(request):
         only = option.metadata.get("only", request.kind)
         if only != request.kind and getattr(request, option.name):

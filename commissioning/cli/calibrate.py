@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from srl.commissioning.calibration.request import KINDS, CalibrationRequest
 from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command
+from srl.runtime.contracts import registry
 
 if TYPE_CHECKING:
     from srl.commissioning.calibration.screen import Screen
@@ -19,7 +20,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Registers the command."""
     parser = add_command(subparsers, "calibrate", "srl calibrate my-arm.yaml ikns --person P07", COMMANDS)
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
-    parser.add_argument("kind", choices=KINDS, help="what is calibrated")
+    kinds = dict.fromkeys((*KINDS, *registry.names("calibrations")))
+    parser.add_argument("kind", choices=tuple(kinds), help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: the file that the profile names")
     parser.add_argument(

@@ -17,7 +17,7 @@ from srl.runtime.contracts.errors import HostError, ProfileError, nearest
 
 
 def names(group: str) -> list[str]:
-    """The registered names of a group ("drivers", "controllers", "clearances", "worlds", "fakes", "twins"), sorted."""
+    """The registered names of a group ("drivers", "controllers", "worlds", "parts", "calibrations"), sorted."""
     return sorted(_points(group, tuple(sys.path)))
 
 
@@ -35,7 +35,10 @@ def load(group: str, name: str, place: str) -> Any:
     points = _points(group, tuple(sys.path))
     if name not in points:
         raise ProfileError(place, f"no {_one(group)} is called '{name}'", nearest(name, points))
-    point = points[name]
+    point, *others = points[name]
+    if others:
+        problem = f"'{name}' is claimed twice, by {point.value} and {others[0].value}"
+        raise HostError(f"entry points srl.{group}", problem, "Uninstall one of the two packages")
     try:
         return point.load()
     except (ImportError, AttributeError) as error:
@@ -53,8 +56,8 @@ def describe(group: str, name: str, attributes: Sequence[str]) -> dict[str, Any]
         SrlError: as from `load`.
     """
     place = f"{_one(group)} {name}"
-    point = _points(group, tuple(sys.path)).get(name)
-    described = declared(point.value, attributes) if point is not None else None
+    points = _points(group, tuple(sys.path)).get(name, [])
+    described = declared(points[0].value, attributes) if len(points) == 1 else None
     if described is None:
         part = load(group, name, place)
         described = {attribute: getattr(part, attribute) for attribute in attributes}
@@ -72,15 +75,11 @@ def _all_points(path: tuple[str, ...]) -> Any:
 
 
 @cache
-def _points(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """The entry points of a group by name, as they are with this `sys.path`."""
-    found: dict[str, EntryPoint] = {}
+def _points(group: str, path: tuple[str, ...]) -> dict[str, list[EntryPoint]]:
+    """The entry points of a group by name, as they are with this `sys.path`; several that differ: a name of two."""
+    found: dict[str, list[EntryPoint]] = {}
     for point in _all_points(path).select(group=f"srl.{group}"):
-        other = found.setdefault(point.name, point)
-        if other.value != point.value:
-            raise HostError(
-                f"entry points srl.{group}",
-                f"'{point.name}' is claimed twice, by {other.value} and {point.value}",
-                "Uninstall one of the two packages",
-            )
+        own = found.setdefault(point.name, [])
+        if all(other.value != point.value for other in own):
+            own.append(point)
     return found

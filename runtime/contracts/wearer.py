@@ -154,8 +154,19 @@ class Drive:
     commanded: float | None = None
 
 
+@dataclass(frozen=True)
+class Do:
+    """Do what a package of others needs and the rest doesn't say. Done when it is reached; `Rest` ends it.
+
+    Attributes:
+        what: a word that the package's own part knows: "grip".
+    """
+
+    what: str
+
+
 Instruction = (
-    Drive | Everyday | Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return
+    Drive | Everyday | Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return | Do
 )
 
 

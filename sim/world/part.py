@@ -91,6 +91,9 @@ class Part(ABC):
 
     Order of calls: `__init__`, `build`, `bind`, then `drive` and `latch` before steps; `fill` follows each advance.
 
+    A part that makes a simulated person has one more attribute, `wearer`: itself or another object with `instruct`,
+    `done` and `see` (`srl.wearer.Wearer`). A calibration with `--sim` instructs the world's only one.
+
     Attributes:
         name: its name in the profile; all its MJCF names begin with `<name>/`.
         truth: the true values, recorded as `world.<signal>`; their names begin with `<name>_`.
