@@ -256,7 +256,7 @@ def test_the_examples_own_tests_pass(installed: Path) -> None:
         cwd=installed, env=os.environ, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
-    assert "25 passed, 2 skipped" in done.stdout
+    assert "28 passed, 2 skipped" in done.stdout
 
 
 @pytest.mark.slow

@@ -86,6 +86,8 @@ class Collision(Controller):
         values = rotation.tobytes() + translation.tobytes()
         if values != self._last:
             self._last = values
+            if not np.isfinite(body.ends).all():
+                body.forget()  # the pose before wasn't known, so nothing tells a speed
             body.take(self._now, rotation, translation)
         nodes = link_nodes(self._arms, self._side, self.input["arm"][None])[0]
         before, self._nodes = self._nodes, nodes
@@ -106,7 +108,7 @@ class Collision(Controller):
         on_arm = between(arm, links, found.on_link) - self._envelope.link_radius * found.normal
         np.add((R @ on_body).T, p, out=out["points"][:, 0])
         np.add((R @ on_arm).T, p, out=out["points"][:, 1])
-        np.minimum(self._closest, out["distance"], out=self._closest)
+        np.fmin(self._closest, out["distance"], out=self._closest)
         if self._picture is not None:
             self._picture.fill(out, body.ends @ R.T + p, nodes @ R.T + p)
 

@@ -50,6 +50,13 @@ class OptionError(ValueError):
         super().__init__(f"{self.problem}. {self.remedy}")
 
 
+def refused(error: ValueError) -> tuple[str, str]:
+    """Problem and remedy of what somebody's constructor raised."""
+    if isinstance(error, OptionError):
+        return error.problem, error.remedy
+    return str(error) or repr(error), "Correct its options, or its code"
+
+
 class WiringError(SrlError):
     """The profile's parts don't fit together: an unbound signal, two writers, units that differ."""
 

@@ -37,7 +37,7 @@ from srl.runtime.loop.backends import Backends
 from srl.runtime.loop.faults import FaultFinder, Feedback
 from srl.runtime.loop.guards import make_guards
 from srl.runtime.loop.machine import Fault, Machine, OverrunCounter
-from srl.runtime.loop.monitors import ClearanceMonitor, CommandDelivery, ResetInputs
+from srl.runtime.loop.monitors import ClearanceMonitor, CommandDelivery, RejectedCommands, ResetInputs
 from srl.runtime.profile.graph import Actuator, Graph
 
 TIMEOUT = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
@@ -88,6 +88,7 @@ class Cycle:
         self._links, self._stamps = graph.row.devices[:, DEVICE.link], graph.row.devices[:, DEVICE.stamp]
         self._faults = FaultFinder(graph, self._lost, self.machine.watch)
         self._delivery = CommandDelivery(graph, self.guards, report)
+        self._rejected = RejectedCommands(graph, self.guards, report)
         self._feedback = Feedback(graph, limits, self.guards, report)
         self._clearances = [ClearanceMonitor(graph, a, report) for a in graph.actuators]
         self._laws = [
@@ -296,6 +297,8 @@ class Cycle:
                 self._clearances[i].update(guard.verified, dt)
         if flags:
             ints[_FLAGS] |= flags
+            if flags & FLAG_REJECTED:
+                self._rejected.update(dt)
         self._was = state
         if machine.exiting:
             self._leaving += ints.item(_DT)

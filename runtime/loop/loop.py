@@ -26,6 +26,7 @@ _OVERRUNS, _NOW, _REFUSED = CYCLE.overruns, CYCLE.now, CYCLE.refused
 _ENDED = State.ENDED
 _STOPS = (State.STOPPING, State.STOPPED)  # named once: looking a member up takes longer than comparing it
 _KIND, _RESULT, _ORIGIN = CYCLE.request_kind, CYCLE.request_result, CYCLE.request_origin
+_TARGET = CYCLE.request_target
 
 
 class Loop:
@@ -42,6 +43,7 @@ class Loop:
         self.cycle, self.requests, self.ring = cycle, requests, ring
         self.commanded = [d for d in devices if d.actuators]
         self.refusals = Refusals(cycle.report)
+        self.remark = cycle.report  # takes the text of an event that is no warning
         self._started = False  # whether a start or reset was granted in this cycle
         # Keeps the supervisor's stop frames current. Not for a device that this write lost: its frame was for a
         # connection that is gone, and its driver belongs to the thread that opens it again.
@@ -138,7 +140,8 @@ class Loop:
         if answer is not Answer.DONE:
             self.refusals.add(1, refusal(kind, origin, uid, answer))
         elif kind in STATE_REQUESTS and changed:
-            self.cycle.report(described(kind, origin, uid))
+            own_end = origin is Origin.SERVICE and ints.item(_TARGET) == Cause.END
+            (self.remark if own_end else self.cycle.report)(described(kind, origin, uid))
         self._started = answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET)
 
     def _answer(self, pending: PendingRequest) -> None:

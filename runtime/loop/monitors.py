@@ -1,4 +1,4 @@
-"""What a cycle watches beside the faults: delivery of commands, clearance, refusals, buttons that reset.
+"""What a cycle watches beside the faults: delivery of commands, what guards reject, clearance, buttons that reset.
 
 Each reads the row alone, so a replay finds the same.
 """
@@ -8,7 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite, nan
 
+import numpy as np
+
 from srl.runtime.contracts.clearance import NEVER
+from srl.runtime.contracts.signals import Array
 from srl.runtime.guard import CommandGuard
 from srl.runtime.guard.verified import VerifiedStop
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Origin
@@ -17,6 +20,7 @@ from srl.runtime.profile.graph import Actuator, Graph
 
 LONGEST = 2.0  # s of the same, after which it is the device's fault
 STALL = 0.25  # s of restarting at what was sent, after which it is reported
+REJECTED = 0.25  # s of commands that aren't finite, after which it is reported
 HELD = 0.25  # s of being held, and of not being held, after which it is reported
 RELEASED = 50_000_000  # ns for which it was released before a press counts: a contact that is let go bounces, too
 BURST = 5  # requests that may come at once
@@ -78,6 +82,47 @@ class CommandDelivery:
             self._report(f"'{name}' isn't sent as applied: the limb waits where it was sent last")
         elif before > STALL and not resynchronised:
             self._report(f"'{name}' is sent as applied again")
+
+
+class RejectedCommands:
+    """Reports a command that its guard has rejected for a while, in each cycle, since it isn't finite.
+
+    It is asked in those cycles alone in which a guard rejects.
+    """
+
+    def __init__(self, graph: Graph, guards: Sequence[CommandGuard], report: Callable[[str], None]) -> None:
+        """The arguments are those of `CommandDelivery`."""
+        self._graph, self._guards, self._report = graph, guards, report
+        self._links = graph.row.devices[:, DEVICE.link]
+        self._since = [(-1, 0.0) for a in graph.actuators]  # the last such cycle, and the s up to its end
+
+    def update(self, dt: float) -> None:
+        """Ends a cycle in which a guard has rejected its command. `dt`: of this cycle, s."""
+        cycle = self._graph.row.ints.item(CYCLE.cycle)
+        for i, (actuator, guard) in enumerate(zip(self._graph.actuators, self._guards, strict=True)):
+            if not (guard.rejected and self._links.item(actuator.device) & LINK_ACTIVE):
+                continue
+            asked = (actuator.asked,) if actuator.asked_velocity is None else (actuator.asked, actuator.asked_velocity)
+            if all(map(_finite, asked)):
+                continue  # a measurement isn't known
+            last, before = self._since[i]
+            before = before if cycle - last == 1 else 0.0
+            self._since[i] = cycle, before + dt
+            if before <= REJECTED < before + dt:
+                self._report(f"'{actuator.name}' is rejected and its limb held: {self._why(actuator.name)}")
+
+    def _why(self, command: str) -> str:
+        """Which law asks what isn't finite, and whether that is due to its inputs."""
+        for law in self._graph.laws:
+            of_it = [n for n, wire in law.outputs.items() if any(f"{f}.".startswith(f"{command}.") for f in wire.far)]
+            if all(_finite(law.controller.output[name]) for name in of_it):
+                continue
+            unknown = [n for n in law.inputs if not _finite(law.controller.input[n])]
+            asks = f"its controller '{law.controller.name}' asks what isn't finite"
+            if unknown:
+                return f"{asks}, as its input '{unknown[0]}' ({', '.join(law.inputs[unknown[0]].far)}) isn't"
+            return f"{asks}, though its inputs are: it keeps a NaN. Stop it and reset it"
+        return "it isn't finite"
 
 
 class ClearanceMonitor:
@@ -175,6 +220,10 @@ class ResetInputs:
         """Returns the index of the input that was pressed, and forgets it; -1: none."""
         taken, self.pressed = self.pressed, -1
         return taken
+
+
+def _finite(values: Array) -> bool:
+    return bool(np.isfinite(values).all())
 
 
 class TokenBucket:

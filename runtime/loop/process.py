@@ -242,6 +242,7 @@ class Process:
             device.on_loss, device.on_return = lost, hand_over
 
         loop.after_write = after_write
+        loop.remark = lambda text: self.report(text, Level.INFO)
         said = State.STARTING
 
         def each_cycle(state: State) -> None:

@@ -5,13 +5,13 @@ What is added is checked against what is there: one writer a signal, known frame
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from srl.runtime.contracts.entry import BaseModel
-from srl.runtime.contracts.errors import ProfileError, WiringError, nearest
+from srl.runtime.contracts.errors import ProfileError, WiringError, nearest, refused
 from srl.runtime.contracts.frames import FrameError, Frames
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.ipc.layout import Layout
@@ -19,6 +19,8 @@ from srl.runtime.models.models import context
 from srl.runtime.profile.calibrated_frames import placed
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source, first_error
+
+T = TypeVar("T")
 
 
 class Builder:
@@ -60,6 +62,18 @@ class Builder:
             return model.model_validate(values, context=context(self.profile.models) | {"files": self.source.files})
         except ValidationError as error:
             raise first_error(error, self.source, path, model) from None
+
+    def make(self, cls: Callable[..., T], *given: object, what: str, path: str) -> T:
+        """Makes a device, law or clearance. `what`: it and the name by which the profile uses it; `path`: its entry.
+
+        Raises:
+            WiringError: it refuses what it is given with a ValueError.
+        """
+        try:
+            return cls(*given)
+        except ValueError as error:
+            problem, remedy = refused(error)
+            raise WiringError(self.source.place(path), f"{what} can't be made: {problem}", remedy) from error
 
     def add(self, name: str, signal: Signal, role: str, writer: str, place: str) -> None:
         """Gives a signal its place in the row."""

@@ -71,7 +71,8 @@ def _cleared(b: Builder, name: str, entry: ClearEntry, command: Command) -> Clea
         problem = "a torque command says nothing of how the limb brakes, so nothing can keep it clear"
         raise WiringError(place, problem, "Command the limb by position or velocity, or remove `clear:`")
     cls = registry.load("clearances", entry.use, b.source.place(f"{path}.use"))
-    clearance: Clearance = cls(place, b.options(cls.Config, entry.options, path), command)
+    options = b.options(cls.Config, entry.options, path)
+    clearance: Clearance = b.make(cls, place, options, command, what=f"clearance '{entry.use}'", path=path)
     if clearance.reach.shape != (command.size,) or not (np.isfinite(clearance.reach) & (clearance.reach > 0)).all():
         problem = f"clearance '{entry.use}' has the reach {clearance.reach}, the command {command.size} elements"
         raise WiringError(place, problem, "A reach above 0 m is needed for each element")

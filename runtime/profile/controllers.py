@@ -71,7 +71,8 @@ def build(b: Builder, devices: list[Driver]) -> list[Law]:
         name = entry.name or entry.use
         if name in b.layout.devices or name in b.profile.devices or any(w.controller.name == name for w in made):
             raise WiringError(b.source.place(path), f"the name '{name}' is taken", "Add `name:` to this controller")
-        law = Law(cls(name, b.options(cls.Config, entry.options, path)))
+        options = b.options(cls.Config, entry.options, path)
+        law = Law(b.make(cls, name, options, what=f"controller '{entry.use}'", path=path))
         try:
             refuse_old_names(law.controller, OLD_NAMES)  # what its `__init__` sets, too
         except ImportError as error:

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Signal
+from srl.runtime.contracts.terms import FORCE, WRENCH
 from srl.runtime.ipc.layout import Layout
+
+_WRENCH = "N, N m"  # the unit of a signal that has forces, N, and torques, N m
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ def link(
     if len(there) < sum(len(signal.names) for signal in far.values()):
         raise WiringError(place, f"two elements of {', '.join(names)} have one name", "Name their elements apart")
     alone = near.shape[:1] == first.shape[:1] == (1,) and len(far) == 1
-    if alone and not renamed and not (near.labels and first.labels):
+    if alone and not renamed and not (near.labels and first.labels) and near.unit == first.unit:
         return Link(near, name, names)
     if unknown := [n for n in renamed if n not in near.names]:
         raise WiringError(place, f"its map names '{unknown[0]}', {name} has {_list(near.names)}", "Correct the map")
@@ -91,10 +94,29 @@ def link(
     if twice := next((n for n in wanted if wanted.count(n) > 1), None):
         raise WiringError(place, f"'{twice}' stands for two elements of {name}", "Map each to one of its own")
     rows = tuple(there[n] for n in wanted)
+    _compare_units(near, name, far, rows, place)
     _compare_slides(near, name, far, rows, place)
     if len(far) == 1 and rows == tuple((names[0], i) for i in range(first.shape[0])):
         return Link(near, name, names)
     return Link(near, name, names, rows)
+
+
+def _compare_units(
+    near: Signal, name: str, far: Mapping[str, Signal], rows: tuple[tuple[str, int], ...], place: str
+) -> None:
+    """Element by element, where one end has a wrench and the other forces or torques: `_compare` lets these pass."""
+    for own, (other, row) in zip(near.names, rows, strict=True):
+        signal = far[other]
+        here, there = _unit(near, own), _unit(signal, signal.names[row])
+        if near.unit != signal.unit and here != there:
+            problem = f"units differ: {other}[{signal.names[row]}] has '{there}', {name}[{own}] has '{here}'"
+            raise WiringError(place, problem, "Wire forces to forces (N), and torques to torques (N m)")
+
+
+def _unit(signal: Signal, element: str) -> str:
+    if signal.unit != _WRENCH:
+        return signal.unit
+    return "N" if element in FORCE else "N m" if element in WRENCH else _WRENCH
 
 
 def _compare_slides(
@@ -141,9 +163,11 @@ def _is_whole(near: Signal, far: Signal) -> bool:
 
 def _compare(near: Signal, name: str, far: Signal, other: str, place: str, whole: bool) -> None:
     start = 0 if whole else 1
+    units = {near.unit, far.unit}
+    parts = not whole and _WRENCH in units and units <= {_WRENCH, "N", "N m"}
     for what, a, b in (
         ("shapes", _text(far.shape[start:]), _text(near.shape[start:])),
-        ("units", f"'{far.unit}'", f"'{near.unit}'"),
+        ("units", "" if parts else f"'{far.unit}'", "" if parts else f"'{near.unit}'"),
         ("components", _each(far.components), _each(near.components)),
     ):
         if a != b:

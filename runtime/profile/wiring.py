@@ -141,12 +141,13 @@ def _devices(b: Builder, world: World | None) -> list[Driver]:
             raise ProfileError(b.source.place(path), f"the name '{name}' is taken by the runtime", "Choose another")
         cls = registry.load("drivers", entry.driver, b.source.place(f"{path}.driver"))
         config = b.options(cls.Config, entry.options, path)
+        what = f"driver '{entry.driver}'"
         if name in b.simulated and world is not None and b.profile.sim is not None:
             fake = registry.load("fakes", entry.driver, b.source.place(f"{path}.driver"))
             options = b.options(fake.Options, b.profile.sim.devices.get(name, {}), f"sim.devices.{name}")
-            devices.append(fake(name, config, world, options))
+            devices.append(b.make(fake, name, config, world, options, what=f"the fake of {what}", path=path))
         else:
-            devices.append(cls(name, config))
+            devices.append(b.make(cls, name, config, what=what, path=path))
         device = devices[-1]
         if device.commands and type(device).write is Sensor.write:
             problem = f"driver '{entry.driver}' is a Sensor and declares commands, which nothing would send"

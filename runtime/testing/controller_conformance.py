@@ -4,7 +4,7 @@ class TestFollow(ControllerConformance):
     inputs, start = {"lever": [0.3]}, {"q": [0.1]}
 
     def law(self):
-        return bound(LeverToJoint("follow", ControllerConfig()))
+        return bound(LeverToJoint("follow", LeverToJointConfig()))
 """
 
 from __future__ import annotations
@@ -45,6 +45,9 @@ class ControllerConformance:
 
     def test_it_stays_finite(self) -> None:
         controller_rules.stays_finite(self.law(), *self._given())
+
+    def test_it_recovers_from_nan(self) -> None:
+        controller_rules.recovers_from_nan(self.law(), *self._given())
 
     def test_it_repeats_exactly(self) -> None:
         controller_rules.repeats_exactly(self.law(), *self._given(), other=self.law())

@@ -15,6 +15,7 @@ from srl.runtime.contracts.signals import Array
 Values = Mapping[str, Array]
 STEPS = 100
 PERIOD = 0.01  # s
+UNKNOWN = 20  # cycles for which an input is NaN
 JUMP = 1e-6  # the largest difference from where the limb is, in the output's unit
 
 
@@ -38,6 +39,19 @@ def stays_finite(law: Controller, inputs: Values, start: Values) -> None:
     for made in _run(law, inputs, start):
         for key, values in made.items():
             assert np.isfinite(values).all(), f"{_name(law)}.{key} isn't finite for finite inputs"
+
+
+def recovers_from_nan(law: Controller, inputs: Values, start: Values) -> None:
+    """An input that is NaN for a while leaves nothing behind: once it is finite again, so are the outputs."""
+    for unknown in inputs:
+        _begin(law, inputs, start)
+        for cycle in range(3 * STEPS):
+            law.input[unknown][...] = np.nan if STEPS <= cycle < STEPS + UNKNOWN else inputs[unknown]
+            _step(law)
+        for key, output in law.output.items():
+            assert np.isfinite(output).all(), (
+                f"{_name(law)}.{key} stays NaN after its input '{unknown}' was NaN for {UNKNOWN} cycles: a NaN is kept"
+            )
 
 
 def repeats_exactly(law: Controller, inputs: Values, start: Values, other: Controller | None = None) -> None:
@@ -74,7 +88,7 @@ def check_controller(controller: Controller, inputs: Values, start: Values) -> N
         AssertionError: its text says what is wrong.
     """
     names_its_elements(controller)
-    for rule in (starts_where_the_limb_is, stays_finite, repeats_exactly, writes_only_its_outputs):
+    for rule in (starts_where_the_limb_is, stays_finite, recovers_from_nan, repeats_exactly, writes_only_its_outputs):
         rule(controller, inputs, start)
 
 
@@ -92,12 +106,17 @@ def _run(law: Controller, inputs: Values, start: Values) -> list[dict[str, Array
     law.update(1e-9)
     made = []
     for _ in range(STEPS):
-        law.update(PERIOD)
+        _step(law)
         made.append({key: np.array(output) for key, output in law.output.items()})
-        for key, output in law.output.items():
-            if key in law.applied:
-                law.applied[key][...] = output
     return made
+
+
+def _step(law: Controller) -> None:
+    """One cycle. As from a guard, what isn't finite isn't applied."""
+    law.update(PERIOD)
+    for key, output in law.output.items():
+        if key in law.applied and np.isfinite(output).all():
+            law.applied[key][...] = output
 
 
 def _bits(law: Controller, inputs: Values, start: Values) -> list[bytes]:

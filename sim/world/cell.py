@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PlainValidator, ValidationInfo
 
 from srl.runtime.contracts import registry
-from srl.runtime.contracts.errors import WiringError, nearest
+from srl.runtime.contracts.errors import WiringError, nearest, refused
 from srl.runtime.contracts.frames import IDENTITY, Frames, as_pose
 from srl.runtime.contracts.gravity import DOWN
 from srl.runtime.contracts.renamed import refuse_old_names
@@ -70,7 +70,11 @@ class Cell(World):
         super().__init__(config, seed, frames)
         self.parts: dict[str, Part] = {}
         for name, (cls, options) in config.parts.items():
-            self.parts[name] = part = cls(name, options, seed)
+            try:
+                self.parts[name] = part = cls(name, options, seed)
+            except ValueError as error:
+                problem, remedy = refused(error)
+                raise WiringError(f"sim.parts.{name}", f"{cls.__name__} can't be made: {problem}", remedy) from error
             refuse_old_names(part, {"doubts": "warnings"})
             self.warnings += [(f"parts.{name}.{key}", text) for key, text in part.warnings]
             self.remarks += [(f"parts.{name}.{key}", text) for key, text in part.remarks]

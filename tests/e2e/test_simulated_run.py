@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +22,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(folder: Path) -> dict[str, object]:
-    done = call(
+def done(folder: Path) -> subprocess.CompletedProcess[str]:
+    return call(
         folder,
         "run",
         "sixth-finger",
@@ -35,6 +37,10 @@ def run(folder: Path) -> dict[str, object]:
         "x.png",
         "--json",
     )
+
+
+@pytest.fixture(scope="module")
+def run(done: subprocess.CompletedProcess[str]) -> dict[str, object]:
     return summary(done)
 
 
@@ -54,6 +60,11 @@ def test_the_summary_says_what_happened(run: dict[str, object]) -> None:
     assert run["devices"]["glove"]["state"] == "ok"  # type: ignore[index]
     assert run["restarts"] == {"bus": 0, "recorder": 0}
     assert run["recording_complete"] is True
+
+
+def test_its_own_end_is_no_warning(done: subprocess.CompletedProcess[str]) -> None:
+    (said,) = (line for line in done.stderr.splitlines() if "exit (service)" in line)
+    assert re.fullmatch(r"srl: cycle 800: exit \(service\)", said)
 
 
 def test_every_cycle_is_in_the_recording(run: dict[str, int], recording: Recording) -> None:

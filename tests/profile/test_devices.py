@@ -7,15 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.run import refused
 from helpers.toy import PROFILE, Law, Toy, ToyConfig
 
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.driver import Sensor
-from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.errors import OptionError, WiringError
 from srl.runtime.contracts.signals import Limits, Signal
 from srl.runtime.loop.guards import limits_of
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
+
+ALIKE = "no two joints may have one gain"
 
 
 def build(monkeypatch: pytest.MonkeyPatch, **declared: Any) -> Graph:
@@ -131,3 +134,31 @@ def test_a_sensor_that_declares_commands_is_refused(monkeypatch: pytest.MonkeyPa
     text = PROFILE.format(arm="arm", speed=1.0, emergency="", more="")
     with pytest.raises(WiringError, match="a Sensor and declares commands"):
         wiring.build(*profile.parse("toy.yaml", text))
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "words"),
+    [
+        ("controllers", "object-mapping", "controllers.1: controller 'object-mapping'"),
+        ("drivers", "firmata", "devices.finger: driver 'firmata'"),
+        ("fakes", "firmata", "devices.finger: the fake of driver 'firmata'"),
+        ("parts", "human-hand", "sim.parts.hand: HumanHandPart"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("error", "remedy"),
+    [
+        (ValueError("no two joints\nmay have one gain"), "Correct its options"),
+        (OptionError(ALIKE, "Change one"), "Change"),
+    ],
+)
+def test_what_a_constructor_refuses_is_said_in_a_line(
+    monkeypatch: pytest.MonkeyPatch, group: str, name: str, words: str, error: ValueError, remedy: str
+) -> None:
+    def refuses(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(registry.load(group, name, "test"), "__init__", refuses)
+    said = refused("check", "sixth-finger", *(["--sim"] if group != "drivers" else []))
+    assert said.count("\n") == 1
+    assert f"{words} can't be made: {ALIKE}. {remedy}" in said

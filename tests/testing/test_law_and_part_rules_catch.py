@@ -43,6 +43,8 @@ class Follow(Controller):
         self.output["q"][:] = self.input["x"] + (0.0 if self.fault == "jumps" else self.offset)
         if self.fault == "blows up" and self.cycles > 50:
             self.output["q"][0] = np.inf
+        if self.fault == "keeps a NaN":
+            self.offset = self.offset + 0.0 * self.input["x"]
         if self.fault == "remembers the run before":
             self.output["q"][0] += 1e-9 * self.cycles
         if self.fault == "each is another":
@@ -68,6 +70,7 @@ LAW_FAULTS = [
     ("test_it_names_its_elements", "no names", "declares neither"),
     ("test_it_starts_where_the_limb_is", "jumps", "jumps by 0.4 at its reset"),
     ("test_it_stays_finite", "blows up", "isn't finite for finite inputs"),
+    ("test_it_recovers_from_nan", "keeps a NaN", "after its input 'x' was NaN for 20 cycles: a NaN is kept"),
     ("test_it_repeats_exactly", "remembers the run before", "after a reset"),
     ("test_it_repeats_exactly", "each is another", "a second one"),
     ("test_it_writes_only_its_outputs", "writes its input", "changed its input 'x'"),

@@ -13,6 +13,7 @@ from srl.control.skeleton.body_clearance import BodyClearanceConfig
 from srl.control.skeleton.collision import Collision, CollisionConfig
 from srl.runtime.contracts.errors import OptionError
 from srl.runtime.models.models import ArmsModel
+from srl.runtime.testing.controller_rules import recovers_from_nan
 from srl.testing import bound
 
 DT = 0.01
@@ -58,6 +59,12 @@ def test_distances_and_nearest_points_are_mujoco_s():
             assert crossing or parallel
     assert made.output["least"][0] == made.output["distance"].min()
     assert made.metrics()["pair"] in labels
+
+
+def test_nothing_stays_of_a_pose_that_was_nan():
+    made, _ = law(picture=False)
+    recovers_from_nan(made, {name: values.copy() for name, values in made.input.items()}, {})
+    assert np.isfinite(made.metrics()["least_m"])
 
 
 def test_the_approach_is_the_rate_at_which_the_gap_closes():
