@@ -112,6 +112,7 @@ class RobotDistances:
         left_out: pairs of links that the robot's build joins.
         least: m, the least distance since the start; inf before the first.
         nearest: the pair that had it.
+        levers: m that the farthest point of the robot moves for 1 of each coordinate of `q`.
     """
 
     def __init__(self, robot: RobotDescription, mount: Array | None, config: DistancesConfig) -> None:
@@ -134,7 +135,7 @@ class RobotDistances:
         pairs = self._shapes.collisionPairs
         self.pairs = tuple(f"{self._owners[p.first].part}/{self._owners[p.second].part}" for p in pairs)
         self._joints = [(self._joint(p.first), self._joint(p.second)) for p in pairs]
-        self._levers = self._longest(robot)
+        self.levers = self._longest(robot)
         self.least, self.nearest = np.inf, ""
 
     def __call__(self, q: Array, v: Array) -> Near:
@@ -154,7 +155,7 @@ class RobotDistances:
         if distance[nearest] < self.least:
             self.least, self.nearest = float(distance[nearest]), self.pairs[nearest]
         # No two points part faster than this; twice, since both may move.
-        fastest = 2.0 * float(np.abs(v).dot(self._levers))
+        fastest = 2.0 * float(np.abs(v).dot(self.levers))
         sight = _AHEAD + fastest * (_REACTION + fastest / (2.0 * self._config.braking))
         seen = np.flatnonzero(distance < self._config.least + sight).tolist()
         if not seen:
@@ -167,6 +168,12 @@ class RobotDistances:
             row = self._along(second, result.getNearestPoint2(), n) - self._along(first, result.getNearestPoint1(), n)
             rows.append(row)
         return Near(distance[seen], np.array(rows))
+
+    def margin(self, q: Array) -> float:
+        """By how much a posture keeps more than `least`, m, of the nearest pair; infinite where nothing is compared."""
+        pin.computeDistances(self._model, self._data, self._shapes, self._results, q)
+        found = min((r.min_distance for r in self._results.distanceResults), default=np.inf)
+        return float(found) - self._config.least
 
     def metrics(self) -> dict[str, object]:
         """The least distance of the run, its pair, and the pairs that aren't compared."""

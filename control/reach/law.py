@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from srl.control.reach.connect import Connect, along
+from srl.control.reach.mode import Mode
 from srl.control.reach.options import ReachConfig
 from srl.control.reach.rest_margin import RestMargin
 from srl.runtime.contracts.controller import Controller
@@ -22,17 +22,6 @@ _KEPT: Final = 0.03  # m of margin on the way, where the goal has as much: what 
 _OUT: Final = 0.04  # m of margin up to which a posture is left
 _PACE: Final = 0.5  # of the greatest speed, on the way out
 _SLOW: Final = 0.1  # of its greatest speed: slower than that, the arm doesn't come nearer
-
-
-class Mode(IntEnum):
-    """What the output `state` says."""
-
-    NO_GOAL = 0
-    ARRIVED = 1
-    DIRECT = 2
-    AROUND = 3
-    LEAVING = 4
-    WAITING = 5
 
 
 class Reach(Controller):

@@ -26,7 +26,7 @@ from srl.studies.tasks.task import Row, TrialTask
 from srl.studies.toolkit.estimates import Estimate, estimate
 from srl.studies.toolkit.statistics import rate
 
-LEAST: Final = 90.0  # %, of windows, and of actions
+WINDOWS, LEAST = 95.0, 90.0  # %, of windows, and of actions
 MOST: Final = 1.0  # false activations a minute
 _PEOPLE, _QUICK, _SWEPT = 50, 4, 10
 _MANY: Final = 20  # people, of whom one repetition of each action is enough; of fewer two are taken
@@ -70,6 +70,7 @@ def analysed(rows: Sequence[Row]) -> Part:
             line |= _share(rows, f"{label}_{name}").columns(f"{name}_percent")
         if label in ACTIONS:
             line |= estimate(column(rows, f"{label}_delay")).columns("delay_s")
+            line |= _share(rows, f"{label}_found_held").columns("found_held_percent")
         table.append(line)
     unseen = {name: _share(rows, f"unseen_{name}") for name in ("rejected", "taken")}
     table.append(
@@ -109,11 +110,11 @@ def _accuracy(rows: Sequence[Row], unseen: Estimate) -> Claim:
     return Claim(
         id="intention-accuracy",
         text=f"leave-one-subject-out over {len(rows)} simulated people, as the law runs online: of the windows of one "
-        f"second, and of the actions, more than {LEAST:g} % are recognised (lower ends of the 95 % intervals over "
-        f"people); windows {windows} %, rejected {rejected} %; actions {actions} %, another one, too, {another} %; an "
+        f"second at least {WINDOWS:g} % are recognised, of the actions {LEAST:g} % (lower ends of the 95 % intervals); "
+        f"windows {windows} %, rejected {rejected} %; actions {actions} %, another one, too, {another} %; an "
         f"action that was left out of the training is rejected for {unseen} % of its time; measured: windows",
         paper="none; left to future work", measured=windows.mean if rows else None, unit="%",
-        holds=windows.low > LEAST and actions.low > LEAST,
+        holds=windows.low >= WINDOWS and actions.low >= LEAST,
     )  # fmt: skip
 
 
@@ -124,16 +125,19 @@ def _alarms(rows: Sequence[Row], kind: str) -> tuple[Claim, dict[str, Any]]:
     # Where few had one, the spread over people says little: the interval isn't narrower than that of a Poisson process.
     poisson = rate(round(sum(counts)), sum(minutes)) if rows else (math.nan, math.nan)
     low, high = float(np.fmin(found.low, poisson[0])), float(np.fmax(found.high, poisson[1]))
+    held = column(rows, f"{kind}_activations_held")
     words = {"stand": "standing", "walk": "walking", "stop-and-go": "standing and walking in turn"}
     claim = Claim(
         id=f"false-activations-{kind}",
         text=f"{words.get(kind, 'reaching about with one arm after the other')}: below {MOST:g} false activation a "
         f"minute (95 % interval {low:.2g} to {high:.2g}), {sum(minutes):.0f} simulated minutes of "
-        f"{len(rows)} people, each held out",
+        f"{len(rows)} people, each held out; where holding still confirms, {sum(held):.0f} times",
         paper="none", measured=found.mean if rows else None, unit="1/min", holds=high < MOST,
     )  # fmt: skip
     line = {"part": "intention", "label": f"unrelated: {kind}", "n": len(rows), "minutes": sum(minutes)}
-    return claim, line | {"per_minute": found.mean, "per_minute_low": low, "per_minute_high": high}
+    return claim, line | {"per_minute": found.mean, "per_minute_low": low, "per_minute_high": high} | {
+        "activations": sum(counts), "activations_held": sum(held),
+    }  # fmt: skip
 
 
 def _recordings(numbers: Sequence[int]) -> Iterator[dict[str, Any]]:
@@ -175,9 +179,9 @@ def _real(lines: Sequence[dict[str, Any]]) -> Claim:
     return Claim(
         id="false-activations-recorded",
         text=f"{len(lines)} recordings of real people who do none of the actions on purpose, by a recogniser of "
-        f"simulated ones: below {MOST:g} false activation a minute; {count} in {60 * minutes:.0f} s, exact 95 % "
-        f"interval {low:.2g} to {high:.2g}; so short a time can't show it",
-        paper="none", measured=count / minutes, unit="1/min", holds=high < MOST,
+        f"simulated ones: no false activation; {count} in {60 * minutes:.0f} s, which leaves {low:.2g} to {high:.2g} "
+        f"a minute (exact 95 % interval)",
+        paper="none", measured=count / minutes, unit="1/min", holds=count == 0,
     )  # fmt: skip
 
 
@@ -205,8 +209,14 @@ def _changes() -> Iterator[tuple[str, dict[str, Any]]]:
     yield "nothing", {}
     for misfit in (0.0, 8.0, 12.0):
         yield f"the suit is off by {misfit:g} degrees rms ({MISFIT:g})", {"misfit": misfit}
-    for dwell in (0.0, 0.6, 1.0):
-        yield f"dwell {dwell:g} s (0.3)", {"thresholds": {"dwell": dwell}}
+    for dwell in (0.3, 0.6, 1.0):
+        yield f"dwell {dwell:g} s (chosen)", {"thresholds": {"dwell": dwell}}
+    yield "triggers as before: dwell 0.3 s, whole limits, no everyday motion", {
+        "thresholds": {"dwell": 0.3, "trigger": 1.0}, "everyday": 0.0,
+    }  # fmt: skip
+    yield "no everyday motion (185 s)", {"everyday": 0.0}
+    for cost in (0.3, 3.0):
+        yield f"cost of a wrong trigger {cost:g} (1)", {"thresholds": {"cost": cost}}
     for least in (0.3, 0.9):
         yield f"confidence {least:g} (0.6)", {"thresholds": {"confidence": least}}
     for slack in (1.0, 2.0):

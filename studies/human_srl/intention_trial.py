@@ -168,25 +168,32 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         parameters: `person`, the number; `others`, of whom the recogniser is made; `repetitions` of each of them, and
             `tried` of the person; `left_out`, an action that the second recogniser has never seen; `unrelated`, s of
             each kind; `thresholds`, that differ; `misfit`, degrees rms; `everyday`, s of the person's own everyday
-            motion, in another session, that sets the triggers; `confirm`, as the law's.
+            motion, in another session, that sets the triggers.
         seed: of how the suit sits.
     Returns:
-        Columns of `scores`; KIND_activations: how often an action began in `unrelated` s; unseen_rejected: share of the
+        Columns of `scores`; KIND_activations: how often an action began in `unrelated` s; ..._held: of the law that
+        lets holding still confirm; dwell, s, and trigger, the widest limit, as chosen; unseen_rejected: share of the
         windows of the action that was left out; unseen_taken: share of its repetitions in which another one held.
     """
     number, repetitions, misfit = parameters["person"], parameters["repetitions"], parameters.get("misfit", MISFIT)
     thresholds = Thresholds.model_validate(parameters.get("thresholds", {}))
-    seconds, confirm = parameters.get("everyday", _EVERYDAY), parameters.get("confirm")
+    seconds = parameters.get("everyday", _EVERYDAY)
     daily = (people.everyday(number, seconds, 0, misfit),) if seconds > 0.0 else ()
-    law = law_of(made_of(parameters["others"], repetitions, thresholds, everyday=daily), thresholds, confirm)
+    made = made_of(parameters["others"], repetitions, thresholds, everyday=daily)
+    law, holding = law_of(made, thresholds), law_of(made, thresholds, "hold")
     names = law.outputs[0].labels
     own = people.session(number, parameters["tried"], seed, misfit)
     found = scores(own, play(law, own.rotation, own.translation), names, thresholds.confidence, thresholds.lead)
     for kind in UNRELATED:
         motion = other_motion(kind, number, parameters["unrelated"], misfit)
         found[f"{kind}_activations"] = len(onsets(play(law, *motion).action))
+        found[f"{kind}_activations_held"] = len(onsets(play(holding, *motion).action))
+    played = play(holding, own.rotation, own.translation)
+    held = scores(own, played, names, thresholds.confidence, thresholds.lead)
+    found |= {f"{label}_{name}_held": held[f"{label}_{name}"] for label in ACTIONS for name in ("found", "delay")}
+    found |= {"dwell": made[0].triggers.dwell, "trigger": float(made[0].triggers.limits.max())}
     out = parameters["left_out"]
-    blind = law_of(made_of(parameters["others"], repetitions, thresholds, out, daily), thresholds, confirm)
+    blind = law_of(made_of(parameters["others"], repetitions, thresholds, out, daily), thresholds)
     names, played = blind.outputs[0].labels, play(blind, own.rotation, own.translation)
     again = scores(own, played, names, thresholds.confidence, thresholds.lead)
     return found | {"unseen_rejected": again[f"{out}_rejected"], "unseen_taken": again[f"{out}_another"]}

@@ -68,6 +68,7 @@ def law_of(name: str, folder: Path) -> Controller:
         "velocity-setpoint": {"axes": ["a"]},
         "pose-in-frame": {"frame": "a"},
         "cartesian-follow": {"robot": "panda"},
+        "arm-reach": {"robot": "panda"},
         "joint-impedance": {"robot": "panda", "stiffness": 10.0},
         "mirror": {"robot": "panda", "other": "panda", "normal": [0.0, 1.0, 0.0]},
         "waypoints": {

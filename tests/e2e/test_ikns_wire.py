@@ -182,4 +182,6 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
     # On a machine so busy that the servos' link stalls, a guard begins anew at what was sent.
     anew = layout.header(rows, "flags")[1:] & FLAG_RESYNCHRONISED != 0
     assert np.abs(velocity[begun:][~anew[begun:]]).max() <= 4.0 * (1 + 1e-6)
-    assert np.abs(np.diff(velocity[first - 50 :], axis=0)).max() <= 40.0 * 0.010 * 2.05
+    dt = layout.header(rows, "dt")[1:, None] * 1e-9
+    late = np.maximum(dt[1:] + dt[:-1], 0.020)[first - 50 :]  # a late cycle may change the speed by more
+    assert (np.abs(np.diff(velocity[first - 50 :], axis=0)) <= 40.0 * late * 1.025).all()

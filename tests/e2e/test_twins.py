@@ -195,7 +195,8 @@ def _assert_no_step(recording: Recording) -> None:
     begun = int(np.flatnonzero(recording.layout.header(recording.rows, "state") == State.ACTIVE)[0])
     velocity = (np.diff(applied, axis=0) / dt)[begun:]
     assert np.abs(velocity).max() <= 4.0 * (1 + 1e-6)
-    assert np.abs(np.diff(velocity, axis=0)).max() <= 40.0 * 0.010 * 2.05
+    late = np.maximum(dt[1:] + dt[:-1], 0.020)[begun:]  # a cycle that the host made late may change the speed by more
+    assert (np.abs(np.diff(velocity, axis=0)) <= 40.0 * late * 1.025).all()
 
 
 @pytest.mark.sampled(1)

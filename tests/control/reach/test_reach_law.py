@@ -10,7 +10,8 @@ import pytest
 from helpers.blame import DT, HIGH, LOW, A, V, Wearer
 from pydantic import ValidationError
 
-from srl.control.reach.law import Mode, Reach
+from srl.control.reach.law import Reach
+from srl.control.reach.mode import Mode
 from srl.control.reach.options import ReachConfig
 from srl.control.reach.rest_margin import RestMargin
 from srl.control.skeleton.body_clearance import BodyClearanceConfig

@@ -1,0 +1,338 @@
+"""The law `arm-reach`: an arm goes to goals of its joints or its tool, round itself and what stands in its world."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, Final, Literal
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+
+from srl.control.arm.options import joints
+from srl.control.arm.tool_target import ToolTarget
+from srl.control.cobot.robot_distances import DistancesConfig, RobotDistances
+from srl.control.reach.inverse import Inverse
+from srl.control.reach.mode import Mode
+from srl.control.reach.static import Way
+from srl.runtime.contracts import rotation
+from srl.runtime.contracts.controller import Controller, ControllerConfig
+from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.terms import POINT, POSE
+from srl.runtime.contracts.transforms import Transform, coordinates, device, frame
+from srl.runtime.models.robot_model import RobotOption
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+
+NEAR: Final = 1e-3  # of a second's way at full speed: the goal, or a corner, is reached
+_SAME: Final = 1e-4  # rad or m, by which a goal may change and still be the same
+_GAIN: Final = 4.0  # 1/s, at which a velocity-commanded arm comes to a goal
+_UNKNOWN: Final = 1.0  # rad/s or m/s, of a joint whose greatest speed nobody says
+_FAR: Final = 9.99  # m, that is shown at most
+_OUT: Final = 0.02  # m more than is kept, up to which the arm goes out of what is too near
+_PACE: Final = 0.2  # of the greatest speed, on the way out
+
+
+class ReachDistancesConfig(DistancesConfig):
+    """Options under `distances`: obstacles and ground are in the arm's base frame, and stand."""
+
+    ground: bool = Field(False, description="keep off the plane z = 0 of the arm's base frame as well")
+
+
+class ArmReachConfig(ControllerConfig):
+    """Options of `arm-reach`."""
+
+    robot: RobotOption = Field(description="the arm: a robot of `models:`, or one of the runtime's")
+    target: Literal["joints", "point", "pose"] = Field("joints", description="what a goal is")
+    tool: str | None = Field(None, description="frame of the control point, on the arm's flange; null: the flange")
+    command: Literal["position", "velocity"] = Field("position", description="what the device takes")
+    distances: ReachDistancesConfig = ReachDistancesConfig()
+    joint_speed: float = Field(0.5, gt=0, le=1, description="share of the robot's greatest joint speeds")
+    acceleration: Positive = Field(2.0, description="rad/s^2 or m/s^2 of each joint, the most; the guard's or less")
+    rotation_weight: Positive = Field(0.2, description="m: a rad of rotation counts as much as this")
+    postures: int = Field(10, ge=1, le=200, description="postures that are looked at in a cycle, while it searches")
+    max_postures: int = Field(5000, ge=10, description="of one search, after which another is begun")
+    timeout: float = Field(0.2, gt=0, le=10, description="s without the measured joints after which the limb stops")
+
+
+class ArmReach(Controller):
+    """Searches a way that is free of the arm itself and of obstacles, goes it, and says what it does.
+
+    Inputs: `q` (n,) rad, measured; `target`, by the option: (n,) rad of the joints, (3,) m of the tool, or its pose
+    (7,) m and w x y z, in any frame that the tree connects with the arm's base. Where a joint slides, m.
+
+    Outputs: `q` (n,) and `q_velocity` (n,), or `velocity` (n,) with `command: velocity`; `state` (1,), a
+    `srl.control.reach.mode.Mode`; `margin` (2,) m, by which the arm is farther than `distances.least` from the nearest
+    thing, here and at its goal; 0 where it has no goal.
+
+    - SEARCHING: it stands, and looks at some postures a cycle: for those that put the tool at the goal, and for a way.
+    - DIRECT, AROUND: it goes, all joints together, straight or by corners, at which it stops.
+    - LEAVING: it is nearer to something than it should be, and goes out.
+    - WAITING: the goal isn't free, or no way was found yet; it searches on.
+    - UNREACHABLE: no posture within the joints' limits puts the tool there.
+
+    Obstacles stand: what moves is the guard's, or `reach`'s (a wearer). A new goal is one that differs from the last;
+    a target that isn't there changes nothing. After a reset the arm stays until a target comes that differs from the
+    one then. A joint that the guard holds back holds back all.
+    """
+
+    Config = ArmReachConfig
+    summary = "an arm goes to goals of joints or tool, round itself and obstacles that stand"
+
+    def __init__(self, name: str, config: ArmReachConfig) -> None:
+        super().__init__(name, config)
+        self.options = o = config
+        robot = o.robot
+        self._kind = o.target
+        target = {
+            "joints": Signal(name="target", shape=(robot.n,), unit="rad", labels=robot.labels, slides=robot.slides),
+            "point": Signal(name="target", shape=(3,), unit="m", labels=POINT),
+            "pose": Signal(name="target", shape=(7,), unit="m", labels=POSE),
+        }[o.target]
+        self.inputs = (joints(robot, "q", "rad"), target)
+        moved = (
+            (joints(robot, "q", "rad"), joints(robot, "q_velocity", "rad/s"))
+            if o.command == "position"
+            else (joints(robot, "velocity", "rad/s"),)
+        )
+        self.outputs = (
+            *moved,
+            Signal(name="state", shape=(1,), unit="1"),
+            Signal(name="margin", shape=(2,), unit="m", labels=("here", "goal")),
+        )
+        if o.target != "joints":
+            need = "the target's frame in the arm's base"
+            self.transforms = (Transform("target", coordinates("target"), device("q"), need, moves=True),)
+            if o.tool is not None:
+                need = "the control point in the flange's frame"
+                self.transforms += (Transform("tool", frame(o.tool), device("q", FLANGE), need),)
+        self._model: Any = pinocchio_model(robot)
+        self._data: Any = self._model.createData()
+        self._frame = self._model.getFrameId(FLANGE)
+        self._distances = RobotDistances(robot, None, o.distances)
+        # A joint that turns without an end is searched for a whole turn.
+        self._lower = np.where(np.isfinite(robot.q_lower), robot.q_lower, -np.pi)
+        self._upper = np.where(np.isfinite(robot.q_upper), robot.q_upper, np.pi)
+        self._scale = o.joint_speed * np.where(np.isfinite(robot.dq_max), robot.dq_max, _UNKNOWN)
+        self._rate = np.minimum(np.where(np.isfinite(robot.ddq_max), robot.ddq_max, inf), o.acceleration) / self._scale
+        self._place = ToolTarget(0.0, (0.0, 0.0, 0.0))
+        self._old = np.full(target.size, np.nan)
+        self._unseen, self._seed = 0.0, 0
+        self._speed = 0.0  # of 1 of the joints' speeds
+        self._was, self._along = np.zeros(robot.n), np.zeros(robot.n)  # where it was, and where it went
+        self._way: list[Array] = []  # scaled corners that are still to be passed; the goal is the last
+        self._stops = False  # it brakes for a new goal
+        self._begin(None)
+
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        if self.options.tool is not None and self._kind != "joints":
+            flange = self._model.frames[self._model.getFrameId(FLANGE)]
+            place = flange.placement * pin.SE3(rotation.homogeneous(self.transform["tool"]))
+            self._frame = self._model.addFrame(
+                pin.Frame("control_point", flange.parentJoint, 0, place, pin.FrameType.OP_FRAME)
+            )
+            self._data = self._model.createData()
+
+    def reset(self) -> None:
+        self._old[:] = self.input["target"]
+        self._speed = 0.0
+        self._begin(None)
+        self._unseen, self._seed, self.lost = 0.0, 0, False
+        q = self.applied.get("q", self.input["q"]) if self.options.command == "position" else self.input["q"]
+        self._command(np.array(q), np.zeros_like(q))
+        self._tell(Mode.NO_GOAL)
+
+    def update(self, dt: float) -> None:
+        measured = self.input["q"]
+        good = bool(np.isfinite(measured).all())
+        self._unseen = 0.0 if good else self._unseen + dt
+        self.lost = self._unseen > self.options.timeout
+        q = np.array(self.applied.get("q", self.output.get("q", measured)))
+        if self.options.command == "velocity":
+            q = np.array(measured)
+        if not (good and np.isfinite(q).all()):
+            self._way, self._speed = [], 0.0  # where it goes on from isn't known
+            self._command(np.full_like(q, np.nan), np.full_like(q, np.nan))
+            return
+        if (goal := self._new_goal()) is not None:
+            self._begin(goal)
+        here = q / self._scale
+        if self._speed > 0.0:  # what the guard let through of the last step
+            velocity = self.applied.get("velocity")
+            passed = (here - self._was) / max(dt, 1e-9) if velocity is None else velocity / self._scale
+            self._speed = min(self._speed, float(np.abs(passed).max()))
+        self._was = here
+        if self._stops and self._speed > 0.0:
+            self._go(q, here, here + self._along, dt, 0.0)
+            return
+        self._stops = False
+        if self._wanted is None:
+            self._command(q, np.zeros_like(q))
+            self._tell(Mode.NO_GOAL)
+            return
+        self._towards(q, here, dt)
+
+    # -- goals
+
+    def _new_goal(self) -> Array | None:
+        """The newest target in the arm's base, if it differs from the last: joints, a place, or place and rotation."""
+        target = self.input["target"]
+        if not np.isfinite(target).all() or bool((np.abs(target - self._old) <= _SAME).all()):
+            return None
+        if self._kind == "joints":
+            self._old[:] = target
+            found: Array = np.clip(target, self.options.robot.q_lower, self.options.robot.q_upper)
+            return found
+        if not self._place.update(target, self.transform["target"], 0.0):
+            return None
+        self._old[:] = target
+        return self._place.position.copy()
+
+    def _begin(self, wanted: Array | None) -> None:
+        """A new goal. What moves brakes first."""
+        self._wanted, self._turn = wanted, self._place.turn
+        self._goals: list[Array] = []  # scaled postures, the nearest first
+        self._inverse: Inverse | None = None
+        self._search: Way | None = None
+        self._corners = 0
+        self._failed = False
+        self._margin = 0.0
+        self._candidates: list[Array] = []
+        self._seen = 0
+        self._way = []
+        self._stops = self._speed > 0.0
+
+    # -- all below in seconds of the way: positions over the joints' speeds
+
+    def _towards(self, q: Array, here: Array, dt: float) -> None:
+        if self._way:
+            end = self._way[0]
+            if float(np.abs(end - here).max()) < NEAR and self._speed <= NEAR:
+                self._way.pop(0)
+            if self._way:
+                self._go(q, here, self._way[0], dt, 1.0)
+                return
+        if self._goals and self._search is None and float(np.abs(self._goals[0] - here).max()) < 2 * NEAR:
+            rest = (self._goals[0] - here) * _GAIN if self.options.command == "velocity" else np.zeros_like(q)
+            self._command(self._goals[0] * self._scale, rest * self._scale)
+            self._tell(Mode.ARRIVED, self._room(here))
+            return
+        margin = self._room(here)
+        if not margin >= 0.0:
+            self._leave(q, here, dt)
+            return
+        self._command(q, np.zeros_like(q))
+        if self._goals:
+            self._look(here, margin)
+        else:
+            self._postures(here, margin)
+
+    def _postures(self, here: Array, margin: float) -> None:
+        """Looks for postures at the goal, one turn in a cycle."""
+        assert self._wanted is not None
+        if self._kind == "joints":
+            self._goals = [self._wanted / self._scale]
+            self._margin = self._room(self._goals[0])
+            self._tell(Mode.SEARCHING, margin)
+            return
+        if self._inverse is None:
+            self._seed += 1
+            self._inverse = Inverse(self._residual, self._lower, self._upper, here * self._scale, self._seed)
+        self._inverse.turn()
+        for found in self._inverse.take():
+            self._seen += 1
+            if self._room(found / self._scale) >= 0.0:
+                self._candidates.append(found / self._scale)
+        if len(self._candidates) >= 8 or (self._inverse.turns >= 120 and self._candidates):
+            self._goals = sorted(self._candidates, key=lambda goal: float(np.abs(goal - here).max()))
+            self._margin = self._room(self._goals[0])
+        elif self._inverse.turns >= 200:
+            self._failed = True
+            self._inverse = None  # another seed
+        waits = Mode.WAITING if self._seen else Mode.UNREACHABLE
+        self._tell(waits if self._failed else Mode.SEARCHING, margin)
+
+    def _look(self, here: Array, margin: float) -> None:
+        """Looks for a way, some postures in a cycle."""
+        if self._margin >= 0.0:
+            if self._search is None:
+                self._seed += 1
+                levers = self._distances.levers * self._scale
+                low, high = self._lower / self._scale, self._upper / self._scale
+                self._search = Way(here, self._goals[0], low, high, levers, self._seed)
+            way = self._search.look(self._room, self.options.postures)
+            if way is not None:
+                self._way, self._corners, self._search = way[1:], len(way) - 2, None
+            elif self._search.looked >= self.options.max_postures:
+                self._failed, self._search = True, None
+                if len(self._goals) > 1:
+                    self._goals.append(self._goals.pop(0))
+                    self._margin = self._room(self._goals[0])
+        self._tell(Mode.WAITING if self._failed or not self._margin >= 0.0 else Mode.SEARCHING, margin)
+
+    def _residual(self, path: Array) -> tuple[Array, Array]:
+        """What is missing of the tool's goal, (m, r) m, and the tool's Jacobians (m, r, n)."""
+        rows = 3 if self._turn is None else 6
+        missing, J = np.empty((len(path), rows)), np.empty((len(path), rows, path.shape[1]))
+        weight = self.options.rotation_weight
+        goal = None if self._turn is None else np.array(rotation.matrix(self._turn))
+        for k, q in enumerate(path):
+            full = pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.LOCAL_WORLD_ALIGNED)
+            place = pin.updateFramePlacement(self._model, self._data, self._frame)
+            missing[k, :3], J[k, :3] = self._wanted - place.translation, full[:3]
+            if goal is not None:
+                missing[k, 3:], J[k, 3:] = weight * pin.log3(goal @ place.rotation.T), weight * full[3:]
+        return missing, J
+
+    def _room(self, point: Array) -> float:
+        """m that a scaled posture keeps more than it must."""
+        return self._distances.margin(point * self._scale)
+
+    # -- motion
+
+    def _acceleration(self, way: Array) -> float:
+        """Of the scaled way, so that no joint accelerates more than it may."""
+        u = np.abs(way) / max(float(np.abs(way).max()), 1e-12)
+        return float((self._rate / np.maximum(u, 1e-9)).min())
+
+    def _go(self, q: Array, here: Array, end: Array, dt: float, most: float) -> None:
+        """One step on the straight way to `end`, at which it stops; `most` 0: it brakes on it."""
+        way = end - here
+        far = float(np.abs(way).max())
+        a = self._acceleration(way)
+        # In steps of dt it stops in time where v dt + v^2 / 2 a is no more than what is left.
+        b = 0.9 * a
+        speed = min(self._speed + a * dt, most * (((b * dt) ** 2 + 2.0 * b * far) ** 0.5 - b * dt), most)
+        if self.options.command == "velocity":
+            speed = min(speed, _GAIN * far)
+        speed = max(speed, self._speed - a * dt, 0.0)
+        self._speed, self._along = speed, way
+        v = way / max(far, 1e-12) * speed * self._scale
+        self._command(q + v * dt, v)
+        self._tell(Mode.AROUND if self._corners else Mode.DIRECT, self._room(here))
+
+    def _leave(self, q: Array, here: Array, dt: float) -> None:
+        """Out of what is too near, by the distances' own gradients."""
+        near = self._distances(q, np.zeros_like(q))
+        short = np.maximum(self.options.distances.least + _OUT - near.distance, 0.0)
+        way = (short @ near.gradient) * self._scale
+        size = float(np.abs(way).max())
+        v = way / size * _PACE * self._scale if size > 1e-9 else np.zeros_like(q)
+        v = np.where(((q <= self._lower) & (v < 0.0)) | ((q >= self._upper) & (v > 0.0)), 0.0, v)
+        self._command(q + v * dt, v)
+        self._tell(Mode.LEAVING, self._room(here))
+
+    def _command(self, q: Array, v: Array) -> None:
+        if self.options.command == "velocity":
+            self.output["velocity"][:] = v
+            return
+        self.output["q"][:], self.output["q_velocity"][:] = q, v
+
+    def _tell(self, mode: Mode, here: float = 0.0) -> None:
+        self.output["state"][0] = mode
+        self.output["margin"][:] = min(here, _FAR), min(self._margin, _FAR)
+
+    def metrics(self) -> dict[str, object]:
+        """The least distance that was seen, its pair, and the pairs that aren't compared."""
+        return self._distances.metrics()

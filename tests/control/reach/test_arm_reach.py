@@ -1,0 +1,319 @@
+"""The law `arm-reach`: goals of joints and tool, round what stands, within limits, and what it does where it can't."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from srl.control.cobot.robot_distances import RobotDistances
+from srl.control.reach.arm_law import ArmReach, ArmReachConfig
+from srl.control.reach.inverse import Inverse
+from srl.control.reach.mode import Mode
+from srl.control.reach.static import FLOOR, Way
+from srl.runtime.models.robots import PANDA
+from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.runtime.profile.profile import find
+from srl.testing import ControllerConformance, Lab, bound
+
+DT = 0.01
+HOME = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.6, 0.8])
+POST = {"position": [0.45, 0.0, 0.4], "radius": 0.06, "length": 0.8}
+ASIDE, LOWER = np.array([0.7, 0, 0, 0, 0, 0, 0]), np.array([0, 0.3, 0, 0.4, 0, 0, 0])
+START, BEYOND = HOME + LOWER + ASIDE, HOME + LOWER - ASIDE
+ACCELERATION = 2.0
+
+
+def law(target: str = "joints", q: Any = START, **options: Any) -> ArmReach:
+    given = {"robot": "panda", "target": target, "distances": {"obstacles": {"post": POST}}} | options
+    made = bound(ArmReach("reach", ArmReachConfig.model_validate(given)))
+    made.input["target"][:] = np.nan
+    put(made, np.asarray(q, float), np.zeros(7))
+    made.reset()
+    return made
+
+
+def put(made: ArmReach, q: Any, v: Any) -> None:
+    """The arm is here, and obeyed."""
+    made.input["q"][:] = q
+    for name, value in (("q", q), ("velocity", v)):
+        if name in made.applied:
+            made.applied[name][:] = value
+
+
+def oracle(made: ArmReach) -> RobotDistances:
+    return RobotDistances(PANDA, None, made.options.distances)
+
+
+def state(made: ArmReach) -> Mode:
+    return Mode(int(made.output["state"][0]))
+
+
+def run(made: ArmReach, cycles: int, until: Mode | None = None) -> tuple[np.ndarray, list[Mode]]:
+    """Where the joints went, and the states, of an arm that obeys."""
+    path, states = [], []
+    for _ in range(cycles):
+        made.update(DT)
+        if "velocity" in made.output:
+            v = made.output["velocity"].copy()
+            q = made.input["q"] + v * DT
+        else:
+            q, v = made.output["q"].copy(), made.output["q_velocity"].copy()
+        put(made, q, v)
+        path.append(q)
+        states.append(state(made))
+        if states[-1] is until:
+            break
+    return np.array(path), states
+
+
+def keeps_its_limits(made: ArmReach, path: np.ndarray) -> None:
+    v = np.diff(path, axis=0) / DT
+    assert (np.abs(v) <= 0.5 * PANDA.dq_max * (1 + 1e-6)).all()
+    assert np.abs(np.diff(v, axis=0)).max() <= ACCELERATION * DT * 1.3
+
+
+class TestContract(ControllerConformance):
+    inputs = {"q": START, "target": BEYOND}  # noqa: RUF012
+
+    def law(self) -> ArmReach:
+        return bound(ArmReach("reach", ArmReachConfig.model_validate({"robot": "panda"})))
+
+
+@pytest.mark.parametrize("command", ["position", "velocity"])
+def test_it_goes_round_a_post_and_keeps_off_it(command: str) -> None:
+    made = law(command=command)
+    made.input["target"][:] = BEYOND
+    path, states = run(made, 3000, Mode.ARRIVED)
+    assert states[-1] is Mode.ARRIVED
+    assert Mode.AROUND in states
+    assert path[-1] == pytest.approx(BEYOND, abs=1e-2 if command == "velocity" else 1e-9)
+    apart = oracle(made)
+    assert min(apart.margin(q) for q in path) >= -FLOOR / 2
+    assert min(apart.margin(START + t * (BEYOND - START)) for t in np.linspace(0, 1, 100)) < -0.03, "nothing was shown"
+    keeps_its_limits(made, path)
+
+
+def test_without_obstacles_it_goes_straight() -> None:
+    made = law(distances={})
+    made.input["target"][:] = BEYOND
+    path, states = run(made, 1000, Mode.ARRIVED)
+    assert states[-1] is Mode.ARRIVED
+    assert Mode.AROUND not in states
+    along = (path - START) @ (BEYOND - START) / np.sum((BEYOND - START) ** 2)
+    assert np.abs(path - START - along[:, None] * (BEYOND - START)).max() < 1e-9
+    assert (np.diff(along) >= -1e-12).all()
+
+
+@pytest.mark.parametrize("target", ["point", "pose"])
+def test_its_tool_goes_to_a_place(target: str) -> None:
+    """The oracle is Pinocchio's own model."""
+    made = law(target)
+    model = pinocchio_model(PANDA)
+    data = model.createData()
+
+    def tool(q: np.ndarray) -> Any:
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[model.getFrameId(FLANGE)].copy()
+
+    goal = tool(BEYOND)
+    made.input["target"][:3] = goal.translation
+    if target == "pose":
+        x, y, z, w = pin.Quaternion(goal.rotation).coeffs().tolist()
+        made.input["target"][3:] = w, x, y, z
+    path, states = run(made, 4000, Mode.ARRIVED)
+    assert states[-1] is Mode.ARRIVED
+    reached = tool(path[-1])
+    assert reached.translation == pytest.approx(goal.translation, abs=2e-3)
+    if target == "pose":
+        assert np.linalg.norm(pin.log3(reached.rotation.T @ goal.rotation)) < 0.01
+    assert min(oracle(made).margin(q) for q in path) >= -FLOOR / 2
+
+
+def test_a_place_out_of_reach_is_said_and_nothing_moves() -> None:
+    made = law("point")
+    made.input["target"][:] = 2.0, 0.0, 0.5
+    path, states = run(made, 260)
+    assert states[-1] is Mode.UNREACHABLE
+    assert (path == START).all()
+
+
+def test_a_goal_within_the_post_waits() -> None:
+    made = law()
+    inside = next(
+        q for q in np.linspace(START, BEYOND, 60) if oracle(made).margin(q) < -0.05
+    )  # fmt: skip
+    made.input["target"][:] = inside
+    path, states = run(made, 50)
+    assert states[-1] is Mode.WAITING
+    assert (path == START).all()
+    assert made.output["margin"][1] < 0.0 < made.output["margin"][0]
+
+
+def test_a_new_goal_on_the_way_brakes_first_and_then_goes_there() -> None:
+    made = law(distances={})
+    made.input["target"][:] = BEYOND
+    first, _ = run(made, 60)
+    made.input["target"][:] = HOME
+    second, states = run(made, 2000, Mode.ARRIVED)
+    path = np.vstack([first, second])
+    assert path[-1] == pytest.approx(HOME, abs=1e-9)
+    keeps_its_limits(made, path)
+    assert Mode.SEARCHING in states
+
+
+def test_what_holds_the_arm_back_makes_no_jump() -> None:
+    made = law(distances={})
+    made.input["target"][:] = BEYOND
+    run(made, 60)
+    q = made.input["q"].copy()
+    for k in range(50):  # the guard lets nothing through
+        made.update(DT)
+        put(made, q, np.zeros(7))
+        assert k == 0 or np.abs(made.output["q"] - q).max() <= ACCELERATION * DT * DT * 1.5
+    path, states = run(made, 2000, Mode.ARRIVED)
+    assert states[-1] is Mode.ARRIVED
+    keeps_its_limits(made, np.vstack([[q], path]))
+
+
+def test_it_looks_at_few_postures_a_cycle() -> None:
+    made = law(postures=3)
+    looked: list[int] = []
+    own = made._room  # the planner's only way to distances
+    made._room = lambda point: (looked.append(1), own(point))[1]  # type: ignore[method-assign]
+    made.input["target"][:] = BEYOND
+    for _ in range(300):
+        looked.clear()
+        made.update(DT)
+        put(made, made.output["q"].copy(), made.output["q_velocity"].copy())
+        assert len(looked) <= 3 + 2
+
+
+def test_from_what_is_too_near_it_goes_out_first() -> None:
+    made = law()
+    grid = np.linspace(START, BEYOND, 400)
+    near = next(q for q in grid if -0.02 < oracle(made).margin(q) < -0.005)
+    made = law(q=near)
+    made.input["target"][:] = START
+    path, states = run(made, 3000, Mode.ARRIVED)
+    assert states[0] in (Mode.SEARCHING, Mode.LEAVING)
+    assert Mode.LEAVING in states
+    assert states[-1] is Mode.ARRIVED
+    margins = [oracle(made).margin(q) for q in path]
+    assert min(margins) >= oracle(made).margin(near) - 1e-6
+
+
+def test_after_a_reset_it_stays_until_another_goal_comes() -> None:
+    made = law()
+    made.input["target"][:] = BEYOND
+    run(made, 30)
+    made.reset()
+    path, states = run(made, 30)
+    assert set(states) == {Mode.NO_GOAL}
+    assert np.ptp(path, axis=0).max() == 0.0
+    made.input["target"][0] += 0.01
+    assert run(made, 3)[1][-1] is Mode.SEARCHING
+
+
+def test_lost_joints_stop_it_and_it_goes_on_from_where_it_is() -> None:
+    made = law(distances={})
+    made.input["target"][:] = BEYOND
+    run(made, 60)
+    q = made.input["q"].copy()
+    made.input["q"][:] = np.nan
+    for k in range(30):
+        made.update(DT)
+        assert np.isnan(made.output["q"]).all()
+        assert made.lost is (k >= 20) or k == 19
+    put(made, q, np.zeros(7))
+    path, states = run(made, 2000, Mode.ARRIVED)
+    assert not made.lost
+    assert states[-1] is Mode.ARRIVED
+    keeps_its_limits(made, np.vstack([[q], path]))
+
+
+@given(st.integers(0, 10_000), st.lists(st.tuples(*[st.floats(-0.8, 0.8)] * 2, st.floats(0.05, 0.4)), max_size=5))
+@settings(max_examples=60, deadline=None)
+def test_a_way_among_discs_is_free_by_a_dense_oracle(seed: int, discs: list[tuple[float, float, float]]) -> None:
+    def margin(point: np.ndarray) -> float:
+        return min((float(np.hypot(point[0] - x, point[1] - y)) - r for x, y, r in discs), default=np.inf)
+
+    start, goal = np.array([-1.5, 0.0]), np.array([1.5, 0.0])
+    way = Way(start, goal, np.full(2, -2.0), np.full(2, 2.0), np.ones(2), seed).look(margin, 60_000)
+    assert way is not None
+    assert (way[0] == start).all()
+    assert (way[-1] == goal).all()
+    dense = [a + t * (b - a) for a, b in pairwise(way) for t in np.linspace(0, 1, 300)]
+    assert min(margin(p) for p in dense) >= -FLOOR / 2 - 1e-9
+
+
+def test_what_has_no_way_is_looked_for_on_and_on() -> None:
+    wall = Way(np.array([-1.0]), np.array([1.0]), np.array([-2.0]), np.array([2.0]), np.ones(1), 0)
+    assert wall.look(lambda point: abs(float(point[0])) - 0.3, 500) is None
+    assert wall.looked == 500
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_found_postures_put_the_tool_there(seed: int) -> None:
+    """A plane arm of three links, by its own formulae."""
+    lengths = np.array([0.5, 0.4, 0.2])
+    rng = np.random.default_rng(seed)
+
+    def tool(path: np.ndarray) -> np.ndarray:
+        turned = np.cumsum(path, axis=1)
+        return np.stack([(lengths * np.cos(turned)).sum(axis=1), (lengths * np.sin(turned)).sum(axis=1)], axis=1)
+
+    low, high = np.full(3, -2.5), np.full(3, 2.5)
+    goal = tool(rng.uniform(low, high, (1, 3)))[0]
+
+    def residual(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turned = np.cumsum(path, axis=1)
+        x, y = lengths * np.cos(turned), lengths * np.sin(turned)
+        J = np.stack([-np.cumsum(y[:, ::-1], axis=1)[:, ::-1], np.cumsum(x[:, ::-1], axis=1)[:, ::-1]], axis=1)
+        return goal - tool(path), J
+
+    search = Inverse(residual, low, high, np.zeros(3), seed)
+    found = []
+    while not found and search.turns < 400:
+        search.turn()
+        found = search.take()
+    assert found
+    assert all(np.linalg.norm(tool(q[None])[0] - goal) < 1e-3 for q in found)
+    assert all(((q >= low) & (q <= high)).all() for q in found)
+
+
+PROFILE_LINES: dict[str, Any] = {
+    "use": "arm-reach",
+    "name": "reach",
+    "robot": "arm",
+    "acceleration": 1.5,
+    "joint_speed": 0.1,
+    "distances": {"least": 0.02, "obstacles": {"bin": {"position": [0.22, 0.0, 0.1], "size": [0.02, 0.02, 0.2]}}},
+    "in": {"q": "arm.position", "target": "client.position"},
+    "out": {"q": "arm.position_command", "q_velocity": "arm.position_command.velocity"},
+}
+
+
+@pytest.mark.slow
+def test_a_shipped_arm_uses_it_by_a_profile_line() -> None:
+    """An SO-101 on its simulated servos."""
+    _, text, folder = find("so101")
+    profile = yaml.safe_load(text)
+    profile["models"]["arm"]["urdf"] = str(folder / "so101.urdf")
+    profile["controllers"] = [PROFILE_LINES]
+    with Lab(profile) as lab:
+        lab.setpoint("client.position", lab["arm.position"])  # active with the first one, which isn't a goal
+        lab.run(0.2)
+        target = lab["arm.position"] + [0.4, 0.1, -0.1, 0.1, 0.2, 0.0]
+        lab.setpoint("client.position", target)
+        lab.until(lambda: lab["reach.state"] == Mode.ARRIVED, most=20.0)
+        lab.run(0.5)
+        assert lab["arm.position"] == pytest.approx(target, abs=0.05)
+        assert lab.state == "active"
