@@ -112,7 +112,7 @@ class RobotDistances:
         left_out: pairs of links that the robot's build joins.
         least: m, the least distance since the start; inf before the first.
         nearest: the pair that had it.
-        levers: m that the farthest point of the robot moves for 1 of each coordinate of `q`.
+        levers: (n,) m that no point of the arm's shapes moves more than for 1 of each joint; of an arm alone.
     """
 
     def __init__(self, robot: RobotDescription, mount: Array | None, config: DistancesConfig) -> None:
@@ -135,7 +135,12 @@ class RobotDistances:
         pairs = self._shapes.collisionPairs
         self.pairs = tuple(f"{self._owners[p.first].part}/{self._owners[p.second].part}" for p in pairs)
         self._joints = [(self._joint(p.first), self._joint(p.second)) for p in pairs]
-        self.levers = self._longest(robot)
+        self._reaches = self._longest(robot)
+        self.levers = self._bounds(robot)
+        self._fastest = 2.0 * self._reaches
+        own = self._fastest[-robot.n :]
+        # What hangs on a joint beside the flange (a jaw, a wide tool) isn't sampled.
+        own[:] = np.where(self.levers > 2.0 * own, self.levers, own)
         self.least, self.nearest = np.inf, ""
 
     def __call__(self, q: Array, v: Array) -> Near:
@@ -154,8 +159,8 @@ class RobotDistances:
         nearest = int(distance.argmin())
         if distance[nearest] < self.least:
             self.least, self.nearest = float(distance[nearest]), self.pairs[nearest]
-        # No two points part faster than this; twice, since both may move.
-        fastest = 2.0 * float(np.abs(v).dot(self.levers))
+        # No two points part faster than this: by what was sampled, twice, and by what the links' lengths allow.
+        fastest = float(np.abs(v).dot(self._fastest))
         sight = _AHEAD + fastest * (_REACTION + fastest / (2.0 * self._config.braking))
         seen = np.flatnonzero(distance < self._config.least + sight).tolist()
         if not seen:
@@ -201,6 +206,25 @@ class RobotDistances:
         half = float(np.hypot(*SUMMIT_XL.size[:2])) / 2
         yaw = max(half, longest[0])  # its height is in it, too
         return np.concatenate([[1.0, 1.0, yaw + reach], longest[1:] + reach])
+
+    def _bounds(self, robot: RobotDescription) -> Array:
+        """(n,) m for 1 of each joint: all steps from it to the farthest point of each shape, added up."""
+        found = np.zeros(robot.n)
+        for shape in self._shapes.geometryObjects:
+            at = int(shape.parentJoint)
+            if at <= self._body:
+                continue
+            geometry = shape.geometry
+            size = float(geometry.radius) + float(getattr(geometry, "halfLength", 0.0))
+            length = float(np.linalg.norm(shape.placement.translation)) + size
+            for joint in range(at, self._body, -1):  # of the chain, from the shape inwards
+                i = joint - self._body - 1
+                slides = robot.joints[i].slides
+                found[i] = max(found[i], 1.0 if slides else length)
+                length += float(np.linalg.norm(self._model.jointPlacements[joint].translation))
+                if slides:
+                    length += float(np.abs([robot.q_lower[i], robot.q_upper[i]]).max())
+        return found
 
     def _along(self, joint: int, point: Array, normal: Array) -> Array:
         """(3 + n,): the speed along `normal` of what is at `point` and moves with a joint."""

@@ -3,56 +3,35 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field
 
 from srl.control.arm.options import joints
 from srl.control.arm.tool_target import ToolTarget
-from srl.control.cobot.robot_distances import DistancesConfig, RobotDistances
+from srl.control.cobot.robot_distances import RobotDistances
+from srl.control.reach.arm_options import ArmReachConfig
 from srl.control.reach.inverse import Inverse
 from srl.control.reach.mode import Mode
 from srl.control.reach.static import Way
 from srl.runtime.contracts import rotation
-from srl.runtime.contracts.controller import Controller, ControllerConfig
-from srl.runtime.contracts.per_element import Positive
+from srl.runtime.contracts.controller import Controller
+from srl.runtime.contracts.errors import OptionError
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT, POSE
 from srl.runtime.contracts.transforms import Transform, coordinates, device, frame
-from srl.runtime.models.robot_model import RobotOption
 from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 
 NEAR: Final = 1e-3  # of a second's way at full speed: the goal, or a corner, is reached
-_SAME: Final = 1e-4  # rad or m, by which a goal may change and still be the same
-_GAIN: Final = 4.0  # 1/s, at which a velocity-commanded arm comes to a goal
+_GAIN: Final = 4.0  # 1/s, at which a velocity-commanded arm comes to a goal, and any arm back to its way
 _UNKNOWN: Final = 1.0  # rad/s or m/s, of a joint whose greatest speed nobody says
+_FASTEST: Final = 10.0  # rad/s or m/s: no joint goes faster
 _FAR: Final = 9.99  # m, that is shown at most
 _OUT: Final = 0.02  # m more than is kept, up to which the arm goes out of what is too near
 _PACE: Final = 0.2  # of the greatest speed, on the way out
-
-
-class ReachDistancesConfig(DistancesConfig):
-    """Options under `distances`: obstacles and ground are in the arm's base frame, and stand."""
-
-    ground: bool = Field(False, description="keep off the plane z = 0 of the arm's base frame as well")
-
-
-class ArmReachConfig(ControllerConfig):
-    """Options of `arm-reach`."""
-
-    robot: RobotOption = Field(description="the arm: a robot of `models:`, or one of the runtime's")
-    target: Literal["joints", "point", "pose"] = Field("joints", description="what a goal is")
-    tool: str | None = Field(None, description="frame of the control point, on the arm's flange; null: the flange")
-    command: Literal["position", "velocity"] = Field("position", description="what the device takes")
-    distances: ReachDistancesConfig = ReachDistancesConfig()
-    joint_speed: float = Field(0.5, gt=0, le=1, description="share of the robot's greatest joint speeds")
-    acceleration: Positive = Field(2.0, description="rad/s^2 or m/s^2 of each joint, the most; the guard's or less")
-    rotation_weight: Positive = Field(0.2, description="m: a rad of rotation counts as much as this")
-    postures: int = Field(10, ge=1, le=200, description="postures that are looked at in a cycle, while it searches")
-    max_postures: int = Field(5000, ge=10, description="of one search, after which another is begun")
-    timeout: float = Field(0.2, gt=0, le=10, description="s without the measured joints after which the limb stops")
+_BESIDE: Final = 0.005  # m by which a point of the arm may be beside the way that was judged
+_TRIES: Final = 3.0  # s of going out, or of being held, after which the arm waits
 
 
 class ArmReach(Controller):
@@ -69,11 +48,12 @@ class ArmReach(Controller):
     - DIRECT, AROUND: it goes, all joints together, straight or by corners, at which it stops.
     - LEAVING: it is nearer to something than it should be, and goes out.
     - WAITING: the goal isn't free, or no way was found yet; it searches on.
-    - UNREACHABLE: no posture within the joints' limits puts the tool there.
+    - UNREACHABLE: no posture within the joints' limits was found that puts the tool there.
 
     Obstacles stand: what moves is the guard's, or `reach`'s (a wearer). A new goal is one that differs from the last;
     a target that isn't there changes nothing. After a reset the arm stays until a target comes that differs from the
-    one then. A joint that the guard holds back holds back all.
+    one then. A joint that the guard holds back holds back all. Where the arm is more than 5 mm beside its way, it stops
+    and searches anew.
     """
 
     Config = ArmReachConfig
@@ -110,16 +90,27 @@ class ArmReach(Controller):
         self._data: Any = self._model.createData()
         self._frame = self._model.getFrameId(FLANGE)
         self._distances = RobotDistances(robot, None, o.distances)
-        # A joint that turns without an end is searched for a whole turn.
-        self._lower = np.where(np.isfinite(robot.q_lower), robot.q_lower, -np.pi)
-        self._upper = np.where(np.isfinite(robot.q_upper), robot.q_upper, np.pi)
-        self._scale = o.joint_speed * np.where(np.isfinite(robot.dq_max), robot.dq_max, _UNKNOWN)
+        if o.distances.obstacles and not self._distances.pairs:
+            raise OptionError(
+                "no link of the robot has a shape: nothing would be kept off the obstacles", "Give it `capsules`"
+            )
+        self._lower, self._upper = robot.q_lower, robot.q_upper
+        self._scale = o.joint_speed * np.clip(
+            np.where(np.isfinite(robot.dq_max), robot.dq_max, _UNKNOWN), 1e-3, _FASTEST
+        )
+        self._levers = self._distances.levers * self._scale
+        moves = o.command == "velocity"
+        # Scaled, of each joint: within this a corner is reached; and what a point of the arm moves by it, m.
+        self._close = o.near / self._scale if moves else np.full(robot.n, NEAR)
+        self._allowed = o.near * float(self._distances.levers.sum()) if moves else 0.0
         self._rate = np.minimum(np.where(np.isfinite(robot.ddq_max), robot.ddq_max, inf), o.acceleration) / self._scale
         self._place = ToolTarget(0.0, (0.0, 0.0, 0.0))
         self._old = np.full(target.size, np.nan)
         self._unseen, self._seed = 0.0, 0
         self._speed = 0.0  # of 1 of the joints' speeds
         self._was, self._along = np.zeros(robot.n), np.zeros(robot.n)  # where it was, and where it went
+        self._last, self._from = 0.0, np.zeros(robot.n)  # s of the cycle before, and where the piece of the way began
+        self._tried = 0.0  # s of going out, or of being held
         self._way: list[Array] = []  # scaled corners that are still to be passed; the goal is the last
         self._stops = False  # it brakes for a new goal
         self._begin(None)
@@ -152,17 +143,16 @@ class ArmReach(Controller):
         if self.options.command == "velocity":
             q = np.array(measured)
         if not (good and np.isfinite(q).all()):
-            self._way, self._speed = [], 0.0  # where it goes on from isn't known
+            self._speed = 0.0  # where it goes on from isn't known
+            self._forget()
             self._command(np.full_like(q, np.nan), np.full_like(q, np.nan))
             return
         if (goal := self._new_goal()) is not None:
             self._begin(goal)
         here = q / self._scale
-        if self._speed > 0.0:  # what the guard let through of the last step
-            velocity = self.applied.get("velocity")
-            passed = (here - self._was) / max(dt, 1e-9) if velocity is None else velocity / self._scale
-            self._speed = min(self._speed, float(np.abs(passed).max()))
-        self._was = here
+        if self._speed > 0.0:
+            self._pass(here)
+        self._was, self._last = here, dt
         if self._stops and self._speed > 0.0:
             self._go(q, here, here + self._along, dt, 0.0)
             return
@@ -173,17 +163,30 @@ class ArmReach(Controller):
             return
         self._towards(q, here, dt)
 
+    def _pass(self, here: Array) -> None:
+        """What the guard let through of the last step: the slowest joint says how fast all go on."""
+        velocity = self.applied.get("velocity")
+        passed = (here - self._was) / max(self._last, 1e-9) if velocity is None else velocity / self._scale
+        wanted = self._along * self._speed
+        moving = np.abs(wanted) > 1e-6
+        ratio = float(np.clip(passed[moving] / wanted[moving], 0.0, 1.0).min()) if moving.any() else 1.0
+        self._speed *= ratio if ratio > 1.0 - 1e-6 else 0.9 * ratio
+
     # -- goals
 
     def _new_goal(self) -> Array | None:
         """The newest target in the arm's base, if it differs from the last: joints, a place, or place and rotation."""
         target = self.input["target"]
-        if not np.isfinite(target).all() or bool((np.abs(target - self._old) <= _SAME).all()):
+        if not np.isfinite(target).all():
+            return None
+        sign = -1.0 if self._kind == "pose" and float(target[3:] @ self._old[3:]) < 0.0 else 1.0
+        change = target - self._old
+        change[3:] = target[3:] - sign * self._old[3:] if self._kind == "pose" else change[3:]
+        if bool((np.abs(change) <= self.options.tolerance).all()):
             return None
         if self._kind == "joints":
             self._old[:] = target
-            found: Array = np.clip(target, self.options.robot.q_lower, self.options.robot.q_upper)
-            return found
+            return target.copy()
         if not self._place.update(target, self.transform["target"], 0.0):
             return None
         self._old[:] = target
@@ -193,60 +196,90 @@ class ArmReach(Controller):
         """A new goal. What moves brakes first."""
         self._wanted, self._turn = wanted, self._place.turn
         self._goals: list[Array] = []  # scaled postures, the nearest first
-        self._inverse: Inverse | None = None
-        self._search: Way | None = None
         self._corners = 0
         self._failed = False
         self._margin = 0.0
+        self._tried = 0.0
+        self._forget()
+        self._stops = self._speed > 0.0
+
+    def _forget(self) -> None:
+        """What was searched from elsewhere counts no more."""
+        self._inverse: Inverse | None = None
+        self._search: Way | None = None
         self._candidates: list[Array] = []
         self._seen = 0
         self._way = []
-        self._stops = self._speed > 0.0
 
     # -- all below in seconds of the way: positions over the joints' speeds
 
     def _towards(self, q: Array, here: Array, dt: float) -> None:
         if self._way:
-            end = self._way[0]
-            if float(np.abs(end - here).max()) < NEAR and self._speed <= NEAR:
-                self._way.pop(0)
+            if (np.abs(self._way[0] - here) < self._close).all() and self._speed <= 3 * NEAR:
+                self._from, self._speed = self._way.pop(0), 0.0
+            if self._way and self._beside(here) > _BESIDE + self._allowed:
+                self._stops = self._speed > 0.0
+                self._forget()
+                self._go(q, here, here + self._along, dt, 0.0)
+                return
             if self._way:
                 self._go(q, here, self._way[0], dt, 1.0)
                 return
-        if self._goals and self._search is None and float(np.abs(self._goals[0] - here).max()) < 2 * NEAR:
+        if self._goals and self._search is None and (np.abs(self._goals[0] - here) < 2 * self._close).all():
             rest = (self._goals[0] - here) * _GAIN if self.options.command == "velocity" else np.zeros_like(q)
-            self._command(self._goals[0] * self._scale, rest * self._scale)
+            self._speed = 0.0
+            self._command(self._goals[0] * self._scale, np.clip(rest, -0.05, 0.05) * self._scale)
             self._tell(Mode.ARRIVED, self._room(here))
             return
         margin = self._room(here)
         if not margin >= 0.0:
             self._leave(q, here, dt)
             return
+        self._tried = 0.0
         self._command(q, np.zeros_like(q))
         if self._goals:
             self._look(here, margin)
         else:
             self._postures(here, margin)
 
+    def _beside(self, here: Array) -> float:
+        """m that a point of the arm may be beside the straight way that was judged."""
+        piece = self._way[0] - self._from
+        t = float(np.clip((here - self._from) @ piece / max(float(piece @ piece), 1e-12), 0.0, 1.0))
+        return float(np.abs(here - self._from - t * piece) @ self._levers)
+
+    def _bounds(self, here: Array) -> tuple[Array, Array]:
+        """(n,) scaled each; a joint that turns without an end is searched half a turn to either side."""
+        robot, q = self.options.robot, here * self._scale
+        low = np.where(np.isfinite(robot.q_lower), robot.q_lower, q - np.pi)
+        high = np.where(np.isfinite(robot.q_upper), robot.q_upper, q + np.pi)
+        return low / self._scale, high / self._scale
+
     def _postures(self, here: Array, margin: float) -> None:
         """Looks for postures at the goal, one turn in a cycle."""
         assert self._wanted is not None
         if self._kind == "joints":
+            if bool(((self._wanted < self._lower) | (self._wanted > self._upper)).any()):
+                self._tell(Mode.UNREACHABLE, margin)
+                return
             self._goals = [self._wanted / self._scale]
-            self._margin = self._room(self._goals[0])
+            self._margin = self._room(self._goals[0]) - self._allowed
             self._tell(Mode.SEARCHING, margin)
             return
+        low, high = self._bounds(here)
         if self._inverse is None:
             self._seed += 1
-            self._inverse = Inverse(self._residual, self._lower, self._upper, here * self._scale, self._seed)
+            self._inverse = Inverse(
+                self._residual, low * self._scale, high * self._scale, here * self._scale, self._seed
+            )
         self._inverse.turn()
         for found in self._inverse.take():
             self._seen += 1
-            if self._room(found / self._scale) >= 0.0:
+            if self._room(found / self._scale) >= self._allowed:
                 self._candidates.append(found / self._scale)
         if len(self._candidates) >= 8 or (self._inverse.turns >= 120 and self._candidates):
             self._goals = sorted(self._candidates, key=lambda goal: float(np.abs(goal - here).max()))
-            self._margin = self._room(self._goals[0])
+            self._margin = self._room(self._goals[0]) - self._allowed
         elif self._inverse.turns >= 200:
             self._failed = True
             self._inverse = None  # another seed
@@ -255,20 +288,20 @@ class ArmReach(Controller):
 
     def _look(self, here: Array, margin: float) -> None:
         """Looks for a way, some postures in a cycle."""
+        if self._search is not None and float(np.abs(here - self._search.start) @ self._levers) > _BESIDE / 2:
+            self._search = None  # the arm isn't where it was
         if self._margin >= 0.0:
             if self._search is None:
                 self._seed += 1
-                levers = self._distances.levers * self._scale
-                low, high = self._lower / self._scale, self._upper / self._scale
-                self._search = Way(here, self._goals[0], low, high, levers, self._seed)
-            way = self._search.look(self._room, self.options.postures)
+                self._search = Way(here, self._goals[0], *self._bounds(here), self._levers, self._seed)
+            way = self._search.look(lambda point: self._room(point) - self._allowed, self.options.postures)
             if way is not None:
-                self._way, self._corners, self._search = way[1:], len(way) - 2, None
+                self._way, self._corners, self._search, self._from = way[1:], len(way) - 2, None, way[0]
             elif self._search.looked >= self.options.max_postures:
                 self._failed, self._search = True, None
                 if len(self._goals) > 1:
                     self._goals.append(self._goals.pop(0))
-                    self._margin = self._room(self._goals[0])
+                    self._margin = self._room(self._goals[0]) - self._allowed
         self._tell(Mode.WAITING if self._failed or not self._margin >= 0.0 else Mode.SEARCHING, margin)
 
     def _residual(self, path: Array) -> tuple[Array, Array]:
@@ -300,26 +333,45 @@ class ArmReach(Controller):
         """One step on the straight way to `end`, at which it stops; `most` 0: it brakes on it."""
         way = end - here
         far = float(np.abs(way).max())
-        a = self._acceleration(way)
-        # In steps of dt it stops in time where v dt + v^2 / 2 a is no more than what is left.
+        u = way / max(far, 1e-12)
+        turned = np.abs(u - self._along) * self._speed
+        if most > 0.0 and bool((turned > 3.0 * self._rate * dt).any()):
+            u, most = self._along, 0.0  # its end is elsewhere now, or behind it: it brakes first
+        a = self._acceleration(u)
+        # In steps of dt it stops in time where v dt + v^2 / 2 b is no more than what is left.
         b = 0.9 * a
         speed = min(self._speed + a * dt, most * (((b * dt) ** 2 + 2.0 * b * far) ** 0.5 - b * dt), most)
         if self.options.command == "velocity":
             speed = min(speed, _GAIN * far)
-        speed = max(speed, self._speed - a * dt, 0.0)
-        self._speed, self._along = speed, way
-        v = way / max(far, 1e-12) * speed * self._scale
+        self._speed, self._along = max(speed, self._speed - a * dt, 0.0), u
+        # A joint that the guard keeps holding goes on to be tried, and the arm says that it waits.
+        self._tried = self._tried + dt if most > 0.0 and self._speed < 2.0 * a * dt and far > 10 * NEAR else 0.0
+        v = u * self._speed * self._scale
         self._command(q + v * dt, v)
-        self._tell(Mode.AROUND if self._corners else Mode.DIRECT, self._room(here))
+        mode = Mode.AROUND if self._corners else Mode.DIRECT
+        self._tell(Mode.WAITING if self._tried > _TRIES else mode, self._room(here))
 
     def _leave(self, q: Array, here: Array, dt: float) -> None:
-        """Out of what is too near, by the distances' own gradients."""
+        """Out of what is too near, by the distances' own gradients. After `_TRIES` s without getting out it waits."""
         near = self._distances(q, np.zeros_like(q))
         short = np.maximum(self.options.distances.least + _OUT - near.distance, 0.0)
-        way = (short @ near.gradient) * self._scale
-        size = float(np.abs(way).max())
-        v = way / size * _PACE * self._scale if size > 1e-9 else np.zeros_like(q)
-        v = np.where(((q <= self._lower) & (v < 0.0)) | ((q >= self._upper) & (v > 0.0)), 0.0, v)
+        way = (short @ near.gradient) / self._scale
+        way = np.where(((q <= self._lower) & (way < 0.0)) | ((q >= self._upper) & (way > 0.0)), 0.0, way)
+        size = float(np.abs(way).max(initial=0.0))
+        self._tried += dt
+        if near.overlaps or size < 1e-9 or self._tried > _TRIES:  # which way leads out can't be told
+            self._speed = 0.0
+            self._command(q, np.zeros_like(q))
+            self._tell(Mode.WAITING, self._room(here))
+            return
+        u = way / size
+        if self._speed > 0.0 and float(u @ self._along) < 0.5 * float(self._along @ self._along):
+            u, pace = self._along, 0.0  # it turns round: it brakes first
+        else:
+            pace = min(_PACE, _GAIN * float(short.max()) / max(float(np.abs(u) @ self._levers), 1e-9))
+        a = self._acceleration(u)
+        self._speed, self._along = max(min(self._speed + a * dt, pace), self._speed - a * dt, 0.0), u
+        v = u * self._speed * self._scale
         self._command(q + v * dt, v)
         self._tell(Mode.LEAVING, self._room(here))
 

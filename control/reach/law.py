@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from srl.control.reach.connect import Connect, along
 from srl.control.reach.mode import Mode
 from srl.control.reach.options import ReachConfig
+from srl.control.reach.point_goal import PointGoal
 from srl.control.reach.rest_margin import RestMargin
 from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.signals import Array, Signal
@@ -21,6 +22,7 @@ _BRAKES: Final = 0.6  # of the acceleration, towards a goal
 _KEPT: Final = 0.03  # m of margin on the way, where the goal has as much: what is lost while the arm moves
 _OUT: Final = 0.04  # m of margin up to which a posture is left
 _PACE: Final = 0.5  # of the greatest speed, on the way out
+_GIVES: Final = 6.0  # s for which the arm goes back and stays there
 _SLOW: Final = 0.1  # of its greatest speed: slower than that, the arm doesn't come nearer
 
 
@@ -35,9 +37,14 @@ class Reach(Controller):
     - LEAVING: the arm is too near to the body to rest where it is, and for `leave_timeout` it hasn't come nearer to its
       goal: it goes out.
     - WAITING: there is no way at present, or the arm couldn't rest at its goal. It stays as near as the guard lets it.
+    - SEARCHING, UNREACHABLE: with `target: point` it stands and looks for a posture in which its end is there and it
+      could rest; no posture within the joints' limits puts it there.
+    - GIVING_WAY: it hasn't come nearer for `give_way`, and goes back to where it was at the reset, so that the other
+      arm can pass. Then it tries again.
 
-    Inputs: `target` (n,) rad (m where a joint slides), NaN: none; `rotation` (59, 4), `translation` (59, 3) m of the
-    suit. Outputs: `q` (n,), `q_velocity` (n,), wired to the arm's position command; `state` (1,), a `Mode`; `margin`
+    Inputs: `target` (n,) rad (m where a joint slides), or (3,) m in the frame of the node that carries the arms, NaN:
+    none; `rotation` (59, 4), `translation` (59, 3) m of the suit; with `other` the joints of the other arm (n,).
+    Outputs: `q` (n,), `q_velocity` (n,), wired to the arm's position command; `state` (1,), a `Mode`; `margin`
     (2,) m, of the arm's posture and of its goal's, 0 where it isn't on its way. The guard checks the motion as that of
     any law.
 
@@ -52,11 +59,16 @@ class Reach(Controller):
         self.options = o = config
         arms, joints = o.arms.arms, o.figure.labels
         n, labels = arms.n, arms.labels
+        self._point = o.target == "point"
         self.inputs = (
-            Signal(name="target", shape=(n,), unit="rad", labels=labels, slides=arms.slides),
+            Signal(name="target", shape=(3,), unit="m", labels=POINT)
+            if self._point
+            else Signal(name="target", shape=(n,), unit="rad", labels=labels, slides=arms.slides),
             Signal(name="rotation", shape=(len(joints), 4), unit="1", labels=joints, components=(QUATERNION,)),
             Signal(name="translation", shape=(len(joints), 3), unit="m", labels=joints, components=(POINT,)),
         )
+        if o.other:
+            self.inputs += (Signal(name="other", shape=(n,), unit="rad", labels=labels, slides=arms.slides),)
         self.outputs = (
             Signal(name="q", shape=(n,), unit="rad", labels=labels, slides=arms.slides),
             Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=labels),
@@ -65,7 +77,11 @@ class Reach(Controller):
         )
         self._rest, self._scale = RestMargin(o), o.ranges.dq_max
         self._goal: Array | None = None
-        self._old = np.full(n, np.nan)
+        self._old = np.full(3 if self._point else n, np.nan)
+        self._place: PointGoal | None = None  # what is looked for, where a goal is a place
+        self._wanted: Array | None = None  # the goal that it comes back to
+        self._home: Array = np.zeros(n)
+        self._back = 0.0  # s for which it still gives way
         self._way: list[Array] = []  # scaled points that are still to be passed; the goal is the last
         self._search: Connect | None = None
         self._kept = 0.0  # m of margin on the way
@@ -79,21 +95,58 @@ class Reach(Controller):
         self.output["q_velocity"][:] = 0.0
         self._rest.forget()
         self._begin(None)
+        self._place, self._wanted, self._back = None, None, 0.0
+        self._home = self.output["q"] / self._scale
         self._seed = 0
         self._tell(Mode.NO_GOAL)
 
     def update(self, dt: float) -> None:
         q = np.array(self.applied.get("q", self.output["q"]))
         self._rest.see(self.input["rotation"], self.input["translation"], dt)
+        seen = self._rest.known and self._sees_other()
         target = self.input["target"]
         if np.isfinite(target).all() and not np.array_equal(target, self._old):
             self._old[:] = target
-            self._begin(np.clip(target, self.options.ranges.q_lower, self.options.ranges.q_upper) / self._scale)
-        if self._goal is None or not self._rest.known:
+            self._back, self._place = 0.0, None
+            if self._point:
+                self._begin(None)
+                self._place = PointGoal(self.options, target.copy(), self._rest)
+            else:
+                self._begin(np.clip(target, self.options.ranges.q_lower, self.options.ranges.q_upper) / self._scale)
+        if seen and self._place is not None and self._goal is None:
+            found = self._place.look(q)
+            if found is not None:
+                self._begin(found / self._scale)
+        if self._goal is None or not seen:
             self._command(q, np.zeros_like(q), dt)
-            self._tell(Mode.NO_GOAL if self._goal is None else Mode.WAITING)
+            nothing = Mode.NO_GOAL if self._place is None else self._place.mode
+            self._tell(nothing if self._goal is None else Mode.WAITING)
             return
+        self._give_way(dt)
         self._towards(q, self._goal, dt)
+
+    def _sees_other(self) -> bool:
+        if not self.options.other:
+            return True
+        other = self.input["other"]
+        good = bool(np.isfinite(other).all())
+        if good:
+            self._rest.see_other(other)
+        return good
+
+    def _give_way(self, dt: float) -> None:
+        """Goes back for a while where nothing else helps; then the goal is tried again."""
+        after = self.options.give_way
+        if after is None:
+            return
+        if self._back > 0.0:
+            self._back -= dt
+            if self._back <= 0.0:
+                self._begin(self._wanted)
+        elif self._stuck > after:
+            self._wanted = self._goal
+            self._begin(self._home)
+            self._back = _GIVES
 
     def _begin(self, goal: Array | None) -> None:
         self._goal, self._way, self._search = goal, [], None
@@ -131,9 +184,17 @@ class Reach(Controller):
         elif self._way:
             mode = Mode.AROUND
             self._command(q, self._speed(here, self._next(here)) * self._scale, dt)
+        elif self.options.other and self._search is not None:
+            self._command(q, np.zeros_like(q), dt)  # beside the other arm it goes no nearer while it looks for a way
         else:  # each joint as fast as the guard lets it
             self.output["q"][:], self.output["q_velocity"][:] = goal * self._scale, 0.0
-        self._tell(mode, float(margin[0]), float(margin[1]))
+        self._again(mode)
+        self._tell(Mode.GIVING_WAY if self._back > 0.0 else mode, float(margin[0]), float(margin[1]))
+
+    def _again(self, mode: Mode) -> None:
+        """A place may be reached by another posture, where the arm can't rest in this one."""
+        if self._place is not None and mode is Mode.WAITING and self._stuck > self.options.leave_timeout:
+            self._begin(None)
 
     def _comes(self, left: float, dt: float) -> None:
         """Whether the arm comes nearer: in each span of `progress_timeout` by `_SLOW` of its full speed."""

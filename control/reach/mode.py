@@ -16,3 +16,4 @@ class Mode(IntEnum):
     WAITING = 5
     SEARCHING = 6
     UNREACHABLE = 7
+    GIVING_WAY = 8

@@ -9,12 +9,16 @@ import numpy as np
 from srl.control.reach.options import MarginOptions
 from srl.control.skeleton.body_motion import BodyMotion
 from srl.control.skeleton.capsules import nearest
-from srl.control.skeleton.envelope import jacobian, posture
+from srl.control.skeleton.envelope import jacobian, link_nodes, posture
 from srl.runtime.contracts.signals import Array
+
+_OTHER = 0.03  # m more from the other arm, which stops a little later than it is seen
 
 
 class RestMargin:
     """The body as it was seen last, and how near it may come until an arm that hardly moves has stopped.
+
+    The other arm is taken as it stands; where it goes is its guard's business, and both guards'.
 
     It is (1) of `srl.control.shared.approach` for one instant, `horizon` from now. The guard's clearance judges
     motions, more closely; this says where it is worth going.
@@ -30,11 +34,22 @@ class RestMargin:
         self._body = BodyMotion(options.figure, envelope.ends, options.span)
         self._now, self._last = 0, b""
         self._needed = options.least + options.uncertainty
+        # The other arm, as it is: its links, each with all links of this one that joints move.
+        n = self._arms.n
+        self._its, self._mine = np.tile(np.arange(n + 1), n), np.repeat(np.arange(1, n + 1), n + 1)
+        self._other: Array | None = None  # (n + 1, 2, 3) m, ends of its links
+        self._apart = 2.0 * envelope.link_radius + options.least + 2.0 * options.uncertainty + _OTHER
 
     @property
     def known(self) -> bool:
         """Whether the body was seen long enough for its speeds."""
         return not isinf(self._body.window)
+
+    def see_other(self, q: Array) -> None:
+        """Takes where the other arm is, (n,) rad or m."""
+        side = next(each for each in self._arms.sides if each != self._side)
+        nodes = link_nodes(self._arms, side, q[None])[0]
+        self._other = np.stack([nodes[:-1], nodes[1:]], axis=1)
 
     def forget(self) -> None:
         """The body wasn't seen for a while."""
@@ -64,7 +79,8 @@ class RestMargin:
         margin, normal, on_link = self._margins(nodes)
         near = np.flatnonzero(margin[0] < share)
         J = jacobian(self._arms, nodes, axes)[:, 0]
-        links, t = self._links[near], on_link[0, near, None]
+        every = self._links if self._other is None else np.concatenate([self._links, self._mine])
+        links, t = every[near], on_link[0, near, None]
         columns = (1.0 - t) * J[:, links] + t * J[:, links + 1]
         rows = np.add.reduce(normal[:, 0, near, None] * columns, axis=0)
         way: Array = (share - margin[0, near]) @ rows
@@ -81,4 +97,11 @@ class RestMargin:
         gone += (self._a_e * (swing * t + 0.5 * t * t))[:, None]
         first = distance + found.on_segment * found.along
         margin = np.minimum(first - gone[0], first - found.along - gone[1]) - self._needed
-        return margin, found.normal, found.on_link
+        if self._other is None:
+            return margin, found.normal, found.on_link
+        other = nearest(self._other, self._its, nodes, self._mine)
+        return (
+            np.concatenate([margin, other.distance - self._apart], axis=-1),
+            np.concatenate([found.normal, other.normal], axis=-1),
+            np.concatenate([found.on_link, other.on_link], axis=-1),
+        )

@@ -30,6 +30,7 @@ class Way:
     """The search for one way; postures are scaled: all elements go at 1 a second.
 
     Attributes:
+        start: (n,).
         looked: number of postures that were judged.
     """
 
@@ -41,27 +42,29 @@ class Way:
             levers: (n,) m that the farthest point moves for 1 of each element.
             seed: of the random points.
         """
-        self._start, self._goal, self._low, self._high, self._levers = start, goal, lower, upper, levers
+        self.start, self._goal, self._low, self._high, self._levers = start, goal, lower, upper, levers
         self._rng = np.random.default_rng(seed)
         self._run = self._search()
-        self._asked = next(self._run)
+        self._asked: Array | None = None
         self.looked = 0
 
     def look(self, margin: Callable[[Array], float], most: int) -> list[Array] | None:
         """Judges up to `most` postures. Returns the way (start and goal included) once there is one."""
-        for _ in range(most):
-            self.looked += 1
-            try:
+        try:
+            for _ in range(most):
+                if self._asked is None:
+                    self._asked = next(self._run)
+                self.looked += 1
                 self._asked = self._run.send(margin(self._asked))
-            except StopIteration as end:
-                found: list[Array] = end.value
-                return found
+        except StopIteration as end:
+            found: list[Array] = end.value
+            return found
         return None
 
     def _search(self) -> Search:
-        if (yield from self._edge(self._start, self._goal))[1]:
-            return [self._start, self._goal]
-        trees: list[_Tree] = [[(self._start, -1)], [(self._goal, -1)]]
+        if (yield from self._edge(self.start, self._goal))[1]:
+            return [self.start, self._goal]
+        trees: list[_Tree] = [[(self.start, -1)], [(self._goal, -1)]]
         first = 0
         while True:
             a, b = trees[first], trees[1 - first]
@@ -92,9 +95,9 @@ class Way:
 
     def _edge(self, start: Array, end: Array) -> Generator[Array, float, tuple[Array, bool]]:
         """The last free place on the way from start to end, and whether that is the end. The start is free."""
-        rate = float(np.abs(end - start) @ self._levers)
-        if rate < 1e-12:
+        if not (end != start).any():
             return end, True
+        rate = max(float(np.abs(end - start) @ self._levers), 1e-12)  # what nothing hangs on is looked at once
         last, t = start, min(FLOOR / rate, 1.0)
         while True:
             here = start + t * (end - start)

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from helpers.arm_urdf import HIP
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from srl.control.cobot.robot_distances import RobotDistances
-from srl.control.reach.arm_law import ArmReach, ArmReachConfig
+from srl.control.reach.arm_law import ArmReach
+from srl.control.reach.arm_options import ArmReachConfig, ReachDistancesConfig
 from srl.control.reach.inverse import Inverse
 from srl.control.reach.mode import Mode
 from srl.control.reach.static import FLOOR, Way
-from srl.runtime.models.robots import PANDA
+from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.files import KeptFile
+from srl.runtime.models.robot_model import RobotModel
+from srl.runtime.models.robots import ARMS, PANDA
 from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
+from srl.runtime.profile import profile as profiles
 from srl.runtime.profile.profile import find
 from srl.testing import ControllerConformance, Lab, bound
 
@@ -236,6 +244,98 @@ def test_lost_joints_stop_it_and_it_goes_on_from_where_it_is() -> None:
     assert not made.lost
     assert states[-1] is Mode.ARRIVED
     keeps_its_limits(made, np.vstack([[q], path]))
+
+
+@pytest.mark.parametrize(("joint", "share"), [(0, 0.0), (3, 0.0), (3, 0.2)])
+def test_a_guard_that_holds_or_slows_one_joint_doesnt_lead_it_into_the_post(joint: int, share: float) -> None:
+    """The guard takes each joint by itself: it lets this one only so far."""
+    made = law()
+    made.input["target"][:] = BEYOND
+    apart, q, margins = oracle(made), START.copy(), []
+    for _ in range(2500):
+        made.update(DT)
+        step = np.clip(made.output["q"] - q, -PANDA.dq_max * DT, PANDA.dq_max * DT)
+        step[joint] *= share
+        q = q + step
+        put(made, q, step / DT)
+        margins.append(apart.margin(q))
+    assert min(margins) >= -0.01
+
+
+def test_what_was_searched_from_elsewhere_isnt_gone() -> None:
+    made = law()
+    made.input["target"][:] = BEYOND
+    for _ in range(4):
+        made.update(DT)
+    moved = START + np.array([0.15, -0.2, 0.0, 0.1, 0.0, 0.0, 0.0])
+    put(made, moved, np.zeros(7))
+    path, states = run(made, 3000, Mode.ARRIVED)
+    assert states[-1] is Mode.ARRIVED
+    assert min(oracle(made).margin(q) for q in path) >= -FLOOR / 2
+
+
+def test_no_point_of_a_robot_moves_more_than_its_levers_say() -> None:
+    """Random pairs of near postures: the distance changes by no more than the levers allow, of every shipped arm."""
+    rng = np.random.default_rng(3)
+    so101 = profiles.load("so101")[0].models["arm"].robot
+    for robot in (*ARMS.values(), so101):
+        thing = {"rod": {"position": [0.3, 0.1, 0.3], "radius": 0.02, "length": 0.6}}
+        apart = RobotDistances(robot, None, ReachDistancesConfig.model_validate({"obstacles": thing}))
+        for _ in range(150):
+            q = rng.uniform(np.maximum(robot.q_lower, -3.0), np.minimum(robot.q_upper, 3.0))
+            step = rng.normal(0.0, 0.01, robot.n) * (rng.uniform(size=robot.n) < 0.4)
+            change = abs(apart.margin(q + step) - apart.margin(q))
+            assert change <= np.abs(step) @ apart.levers + 1e-9
+
+
+def test_a_goal_that_moves_nothing_near_is_gone_to_all_the_same() -> None:
+    """Of an SO-101 only the gripper's goal changes: little hangs on it."""
+    robot = profiles.load("so101")[0].models["arm"].robot
+    made = bound(ArmReach("reach", ArmReachConfig.model_validate({"robot": robot})))
+    made.input["target"][:] = np.nan
+    put(made, np.zeros(6), np.zeros(6))
+    made.reset()
+    made.input["target"][:] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.5]
+    assert run(made, 500, Mode.ARRIVED)[1][-1] is Mode.ARRIVED
+
+
+def test_obstacles_without_shapes_are_refused() -> None:
+    text = re.sub(r"<collision>.*?</collision>", "", HIP, flags=re.DOTALL)
+    bare = RobotModel.model_validate({"urdf": KeptFile(Path("hip.urdf"), text.encode()), "tip": "tool"}).robot
+    with pytest.raises(OptionError, match="no link of the robot has a shape"):
+        law(q=np.zeros(bare.n), robot=bare, distances={"obstacles": {"post": POST}})
+
+
+def test_a_quaternions_sign_and_noise_are_no_new_goal_and_a_goal_beyond_the_limits_is_unreachable() -> None:
+    made = law("pose", distances={})
+    made.input["target"][:] = 0.4, 0.2, 0.5, 0.0, 1.0, 0.0, 0.0
+    run(made, 300)
+    for k in range(200):
+        made.input["target"][:] = [0.4, 0.2, 0.5, 0.0, 1.0, 0.0, 0.0]
+        made.input["target"][3:] *= -1.0 if k % 2 else 1.0
+        made.input["target"][0] += 0.0005 * (-1) ** k
+        made.update(DT)
+        put(made, made.output["q"].copy(), made.output["q_velocity"].copy())
+    assert state(made) in (Mode.DIRECT, Mode.AROUND, Mode.ARRIVED)
+    beyond = law()
+    beyond.input["target"][:] = [9.0, *HOME[1:]]
+    assert run(beyond, 5)[1][-1] is Mode.UNREACHABLE
+
+
+@pytest.mark.parametrize("lag", [0.05, 0.1])
+def test_a_lagging_velocity_arm_comes_there_without_jumps(lag: float) -> None:
+    made = law(command="velocity", distances={})
+    made.input["target"][:] = BEYOND
+    q, v, commands = START.copy(), np.zeros(7), [np.zeros(7)]
+    for _ in range(900):
+        made.update(DT)
+        command = made.output["velocity"].copy()
+        commands.append(command)
+        v = v + (command - v) * DT / (lag + DT)
+        q = q + v * DT
+        put(made, np.round(q / 0.00153) * 0.00153, command)  # what its encoder resolves
+    assert state(made) is Mode.ARRIVED
+    assert np.abs(np.diff(commands, axis=0)).max() <= 4 * ACCELERATION * DT
 
 
 @given(st.integers(0, 10_000), st.lists(st.tuples(*[st.floats(-0.8, 0.8)] * 2, st.floats(0.05, 0.4)), max_size=5))
