@@ -21,6 +21,8 @@ from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
 
 _PERIOD: Final = 1.0 / RATE
+_LATE: Final = 4  # looks that a late cycle may miss
+_DOWN, _UP = 0.1, 0.02  # s for which a press must have been released, and pressed
 _SHARE: Final = 9.99  # a distance that is shown at most
 
 
@@ -55,10 +57,11 @@ class Intention(Controller):
 
     An action becomes active once the motion is near enough to it (the file's `trigger`) for `dwell`. With
     `confirm: hold` the last second must have been still, too; with `confirm: press` the input `confirm` (1,) must have
-    risen above 0.5 within `press_time`, and have been lower before. One press confirms one action.
+    risen above 0.5 within `press_time`, after 0.1 s below 0.3. One press confirms one action.
 
     It looks 20 times a second at the last second. Before it has a whole one, nothing is recognised. A sample that isn't
-    finite ends what holds, and a whole second must come again.
+    finite, a cycle that is late by more than 0.2 s, or a pose that is the same to the bit for a second ends what holds,
+    and a whole second must come again.
     """
 
     Config = IntentionConfig
@@ -73,7 +76,7 @@ class Intention(Controller):
         self._whitening = found.whitening()
         self._means = found.means @ self._whitening.T
         self._limits, self._temperature = found.limits, found.temperature
-        self._trigger = [each.trigger for each in made.classes]
+        self._trigger = [1.0 if each.trigger is None else each.trigger for each in made.classes]
         self._confirm, self._still, self._press_time = config.confirm, config.still, config.press_time
         chosen = {
             key: getattr(made.thresholds, key) if (own := getattr(config, key)) is None else own
@@ -100,7 +103,8 @@ class Intention(Controller):
 
     def _clear(self) -> None:
         self._filled, self._waited = 0, 0.0
-        self._released, self._pressed = False, 0.0
+        self._released, self._raised, self._pressed = 0.0, 0.0, 0.0
+        self._before, self._same = b"", 0
         self._times = np.zeros(self._k, np.intp)
         self._looks = self._rejections = self._gaps = 0
 
@@ -112,18 +116,30 @@ class Intention(Controller):
     def update(self, dt: float) -> None:
         if self._confirm == "press":
             self._press(float(self.input["confirm"][0]), dt)
+        rotation, translation = self.input["rotation"], self.input["translation"]
+        if not (isfinite(rotation.sum()) and isfinite(translation.sum())):
+            self._gap()
+            return
         # The first frame is taken at once.
         self._waited = self._waited + dt if self._filled else _PERIOD
         if self._waited < _PERIOD - 1e-9:
             return
-        newest = frame(self.input["rotation"].tolist(), self.input["translation"].tolist())
-        if not isfinite(sum(newest)):
-            self._gaps += self._filled > 0
-            self._filled = 0
-            self._nothing()
+        looks = int((self._waited + 1e-9) / _PERIOD)
+        if looks > _LATE:  # what the body did meanwhile isn't known
+            self._gap()
+            looks = 1
+        self._waited = max(self._waited - looks * _PERIOD, 0.0)
+        # A suit that repeats itself in every bit isn't one that is worn.
+        now = rotation.tobytes()
+        self._same = self._same + looks if now == self._before else 0
+        self._before = now
+        if self._same >= FRAMES:
+            self._gap()
             return
-        looks = min(int((self._waited + 1e-9) / _PERIOD), FRAMES)
-        self._waited = max(self._waited - looks * _PERIOD, 0.0) if looks < FRAMES else 0.0
+        newest = frame(rotation.tolist(), translation.tolist())
+        if not isfinite(sum(newest)):  # the numbers were too large
+            self._gap()
+            return
         window = self._window
         window[:-looks] = window[looks:]
         window[-looks:] = newest  # where cycles are longer than frames, it has them all
@@ -131,12 +147,27 @@ class Intention(Controller):
         if self._filled == FRAMES:
             self._look(features(window), looks * _PERIOD)
 
+    def _gap(self) -> None:
+        """The body wasn't seen: a whole window must come again."""
+        self._gaps += self._filled > 0
+        self._filled, self._waited = 0, 0.0
+        self._nothing()
+
     def _press(self, level: float, dt: float) -> None:
-        """A rise confirms for a while. A level that isn't a number is no press, and must be seen low again."""
+        """A press confirms for a while: up for `_UP`, after it was down for `_DOWN`. What is no number is neither."""
         self._pressed = max(self._pressed - dt, 0.0)
-        if level > 0.5 and self._released:
-            self._pressed = self._press_time
-        self._released = level <= 0.5
+        if not isfinite(level):
+            self._released = self._raised = 0.0
+        elif level > 0.5:
+            self._raised += dt
+            if self._raised >= _UP - 1e-9 and self._released >= _DOWN - 1e-9:
+                self._pressed, self._released = self._press_time, 0.0
+            elif self._raised >= _UP - 1e-9:
+                self._released = 0.0
+        elif level < 0.3:
+            self._released, self._raised = self._released + dt, 0.0
+        else:
+            self._raised = 0.0
 
     def _look(self, found: Array, since: float) -> None:
         """Takes the newest features, `since` s after those before."""

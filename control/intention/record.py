@@ -31,7 +31,7 @@ class Class(BaseModel):
     label: Name
     mean: Row
     limit: Annotated[FiniteFloat, Field(gt=0.0)]
-    trigger: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 1.0
+    trigger: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] | None = None
     taken_for: tuple[NonNegativeInt, ...]
 
 
@@ -75,6 +75,9 @@ class Record(BaseModel):
             raise ValueError(f"its windows are {self.frames} frames at {self.rate} Hz, here {FRAMES} at {RATE:g} Hz")
         if self.thresholds.dwell is None:
             raise ValueError("it doesn't say for how long an action must be seen (`dwell`)")
+        triggers = {each.trigger is None for each in self.classes if each.label not in BACKGROUND}
+        if len(triggers) > 1 or (self.everyday > 0.0 and True in triggers):
+            raise ValueError("some actions don't say how near counts (`trigger`)")
         labels = [each.label for each in self.classes]
         if len(set(labels)) < len(labels) or len(self.actions) < 2:
             raise ValueError("it needs two actions, and each a name of its own")

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from srl.control.intention.decision import NONE, Decision
 from srl.control.intention.discriminant import Discriminant, fit, posterior, temperature
-from srl.control.intention.features import FRAMES, RATE, features
+from srl.control.intention.features import FEATURES, FRAMES, RATE, features
 from srl.control.intention.triggers import DWELLS, SHARES, Triggers, choose
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.contracts.options import Options
@@ -62,7 +62,7 @@ class Thresholds(Options):
         description="of a trigger by an unknown motion, in missed actions",
     )
     alarms: float = Field(
-        1.0, gt=0.0, description="a minute, that the everyday motion must show to be unlikely (95 %), if it is recorded"
+        2.0, gt=0.0, description="a minute, that the everyday motion must make unlikely (95 %), if it is recorded"
     )
     release: float = Field(0.3, ge=0.0, le=3.0, description="s without it before it ends")
     recall: float = Field(
@@ -136,7 +136,7 @@ class Held:
 def windows(frames: Array, step: int = 1) -> Array:
     """Features (W, FEATURES) of the windows in frames (T, FRAME), every `step` frames."""
     starts = range(0, len(frames) - FRAMES + 1, step)
-    return np.array([features(frames[at : at + FRAMES]) for at in starts]).reshape(len(starts), -1)
+    return np.array([features(frames[at : at + FRAMES]) for at in starts]).reshape(len(starts), FEATURES)
 
 
 def train(trials: Sequence[Trial], thresholds: Thresholds) -> tuple[Recogniser, Held]:
@@ -197,8 +197,8 @@ def _refused(recogniser: Recogniser, held: Held, thresholds: Thresholds) -> Iter
     triggers = recogniser.triggers
     if triggers.everyday > 0.0 and triggers.alarms > thresholds.alarms:
         problem = (
-            f"{triggers.everyday:.0f} s without a false activation show at most {triggers.alarms:.1f} a minute, "
-            f"{thresholds.alarms:g} may be"
+            f"{triggers.everyday:.0f} s set the triggers of {triggers.lowered} actions, so other motion like it may "
+            f"give {triggers.alarms:.1f} false activations a minute (95 %), {thresholds.alarms:g} may be"
         )
         remedy = f"Record {triggers.alarms * triggers.everyday / thresholds.alarms:.0f} s or more"
         yield TrainingError(EVERYDAY, problem, f"{remedy} (`--option everyday`), or allow more (`--option alarms`)")

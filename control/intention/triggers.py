@@ -8,15 +8,17 @@ another action. The wearer's own everyday motion must trigger nothing at all: th
 none of it does, with a margin.
 
 The idea of judging a recogniser on classes that it hasn't seen is Scheirer's: Scheirer, Rocha, Sapkota, Boult, Toward
-open set recognition, IEEE TPAMI 35(7), 2013. If n minutes hold no event, a Poisson process has at most -ln(0.05) / n a
-minute, with 95 % confidence.
+open set recognition, IEEE TPAMI 35(7), 2013. That the everyday motion of the sample triggers nothing is by
+construction and says nothing by itself. Each limit that it sets is the least of a sample's: with r of them the rate of
+a Poisson process on other motion of the same kind is Gamma distributed with shape r over the sample's time (Wilks 1941
+for r = 1). `alarms` is its upper end at 95 %, and for r = 0 that of r = 1; `slack` beyond the sample isn't counted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log
+from math import ceil, exp
 from typing import Final
 
 import numpy as np
@@ -27,7 +29,6 @@ from srl.runtime.contracts.signals import Array
 
 DWELLS: Final = (0.3, 0.6, 1.0)  # s that are tried
 SHARES: Final = (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the limit, that are tried
-_CONFIDENCE: Final = -log(0.05)
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class Triggers:
         missed: share of held-out trials that don't trigger their action.
         unknown: share of them that trigger another action if theirs is unknown.
         everyday: s of everyday motion that triggers nothing.
+        lowered: number of limits that everyday motion set.
     """
 
     dwell: float
@@ -47,11 +49,25 @@ class Triggers:
     missed: float
     unknown: float
     everyday: float
+    lowered: int = 0
 
     @property
     def alarms(self) -> float:
-        """False activations a minute that everyday motion may give: upper end of the one-sided 95 % interval."""
-        return 60.0 * _CONFIDENCE / self.everyday if self.everyday > 0.0 else float("inf")
+        """False activations a minute that other everyday motion may give: upper end of the one-sided 95 % interval."""
+        return 60.0 * _upper(max(self.lowered, 1)) / self.everyday if self.everyday > 0.0 else float("inf")
+
+
+def _upper(shape: int) -> float:
+    """What a Gamma distribution of this shape exceeds in 5 % of all cases; by halving."""
+    low, high = 0.0, 10.0 + 5.0 * shape
+    for _ in range(60):
+        x = 0.5 * (low + high)
+        term, total = 1.0, 1.0
+        for k in range(1, shape):
+            term *= x / k
+            total += term
+        low, high = (x, high) if exp(-x) * total > 0.05 else (low, x)
+    return low
 
 
 def least(found: Discriminant, distances: Array, k: int, confidence: float, dwell: float) -> Array:
@@ -64,7 +80,7 @@ def least(found: Discriminant, distances: Array, k: int, confidence: float, dwel
         confidence: least posterior that counts.
         dwell: s.
     """
-    length = max(round(dwell * RATE), 1)
+    length = max(ceil(dwell * RATE - 1e-9), 1)
     lowest = np.full(k, np.inf)
     if len(distances) < length:
         return lowest
@@ -119,6 +135,6 @@ def choose(
             score = missed + cost * unknown
             if best is None or score < best[0] - 1e-9:
                 seconds = sum(len(distances) for distances in everyday) / RATE
-                best = score, Triggers(dwell, limits, missed, unknown, seconds)
+                best = score, Triggers(dwell, limits, missed, unknown, seconds, int((most < share).sum()))
     assert best is not None
     return best[1]

@@ -109,7 +109,7 @@ class Procedure(StepProcedure):
         lost = 1.0 - float(np.isfinite(self._columns[1]).all(axis=1).mean())
         self._lack = f"{lost:.0%} of the samples are missing" if lost > 1.0 - _SEEN else ""
         self._lost = lost
-        if self.step.kind is Kind.ACTION and not self._lack and self._moved() < _MOVED:
+        if self.step.kind in (Kind.ACTION, Kind.EVERYDAY) and not self._lack and self._moved() < _MOVED:
             self._lack = "nothing has moved"
         elapsed, span = self._elapsed(), self._span()
         if elapsed >= span and (not self._lack or elapsed >= span + self.plan.patience):

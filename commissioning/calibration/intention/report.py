@@ -75,7 +75,8 @@ def lines(result: Result[Trained]) -> list[str]:
     )
     seconds = numbers["everyday_s"]
     text.append(
-        f"  everyday motion: no false activation in {seconds:.0f} s, so at most {made.alarms:.1f} a minute (95 %)"
+        f"  everyday motion, {seconds:.0f} s, set the triggers of {made.lowered} actions: none became active; "
+        f"other motion like it gives at most {made.alarms:.1f} false activations a minute (95 %)"
         if seconds > 0.0
         else "  everyday motion: none was recorded; how often it triggers an action is unknown"
     )

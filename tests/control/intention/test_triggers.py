@@ -9,6 +9,7 @@ import pytest
 from helpers.intention import DT, law_of, of_people, onsets, own, play, record_of, session, unrelated
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from srl.control.intention.decision import NONE, Decision
 from srl.control.intention.discriminant import Discriminant
@@ -87,7 +88,7 @@ def test_too_short_an_everyday_motion_shows_too_little() -> None:
     trials = [t for n in PEOPLE for t in session(n, 2).trials(group=n)]
     made, held = train([*trials, everyday(11, 60.0)], Thresholds())
     problem = next(each for each in refusals(made, held, Thresholds()) if each.place == EVERYDAY)
-    assert "Record 180 s or more" in problem.remedy
+    assert "Record 90 s or more" in problem.remedy
     assert made.triggers.everyday == pytest.approx(60.0 - FRAMES * DT + DT)
 
 
@@ -107,7 +108,8 @@ def test_an_old_file_counts_within_the_whole_limit() -> None:
         del each["trigger"]
     del text["everyday"]
     again = type(record_of(own(1))).model_validate(text)
-    assert {each.trigger for each in again.classes} == {1.0}
+    assert {each.trigger for each in again.classes} == {None}
+    assert set(law_of(again)._trigger) == {1.0}
 
 
 def test_holding_still_confirms() -> None:
@@ -133,6 +135,9 @@ def test_holding_still_confirms() -> None:
         ([(0.0, 0.0), (2.2, 1.0)], True),  # while the action is done
         ([(0.0, 0.0), (0.1, 1.0), (0.2, 0.0)], False),  # too early
         ([(0.0, 0.0), (1.0, np.nan), (2.2, 1.0)], False),  # what was no number may have been pressed all the time
+        ([(0.0, 1.0), (2.0, 0.0), (2.05, 1.0)], False),  # a stuck button that drops for a cycle
+        ([(0.0, 0.4), (2.2, 0.55)], False),  # noise about the level
+        ([(0.0, 0.0), (2.2, np.inf)], False),
     ],
 )
 def test_a_press_confirms(presses: list[tuple[float, float]], begins: bool) -> None:
@@ -151,6 +156,40 @@ def test_a_press_confirms(presses: list[tuple[float, float]], begins: bool) -> N
         law.update(DT)
         found |= bool(law.output["action"].any())
     assert found is begins
+
+
+def test_a_late_cycle_a_frozen_suit_and_a_lost_sample_begin_nothing_and_end_what_holds() -> None:
+    made, told = record_of(own(1)), session(1, seed=7)
+    begin = next(begin for begin, _, label, _ in told.labels if label == "overhead")
+    there = int(np.flatnonzero(told.times >= begin + 2.6)[0])
+
+    def shown(*poses: tuple[int, float]) -> np.ndarray:
+        law = law_of(made, confirm="hold")
+        law.reset()
+        rows = []
+        for k, dt in poses:
+            law.input["rotation"][:], law.input["translation"][:] = told.rotation[k], told.translation[k]
+            if k < 0:
+                law.input["rotation"][0, 0] = np.nan
+            law.update(dt)
+            rows.append(bool(law.output["action"].any()))
+        return np.array(rows)
+
+    before = [(k, DT) for k in range(there - 60, there + 1)]
+    assert shown(*before)[-1]
+    assert not shown(*before, (there + 1, 0.6))[-1], "nobody knows what the body did meanwhile"
+    assert not shown((there - 40, DT), (there, 1.05), (there, DT))[-1], "one pose isn't a second of holding still"
+    frozen = shown(*before, *[(there, DT)] * 25)
+    assert not frozen[-1], "a suit that repeats itself to the bit isn't worn"
+    short = [*before, (-1, 0.01), (there + 1, 0.01)]
+    assert not shown(*short)[-1], "also between two looks"
+
+
+def test_the_bound_counts_each_limit_that_everyday_motion_set() -> None:
+    """Upper ends of Gamma distributions by scipy."""
+    for lowered in (0, 1, 2, 5):
+        bound = replace(own(1)[0].triggers, everyday=60.0, lowered=lowered).alarms
+        assert bound == pytest.approx(stats.gamma.ppf(0.95, max(lowered, 1)), rel=1e-6)
 
 
 def test_one_press_confirms_one_action() -> None:
