@@ -37,6 +37,7 @@ BENCHES: Final[dict[str, Bench]] = {
     "object-mapping": Bench("bench.object_mapping:run"),
     "panda-cycle": Bench("bench.panda:run"),
     "panel": Bench("bench.panel:run"),
+    "reach": Bench("bench.reach:run"),
     "ur-rtde-receive": Bench("bench.ur:run"),
     "pycgm": Bench("bench.pycgm:run"),
     "sibson": Bench("bench.sibson:run"),

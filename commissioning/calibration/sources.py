@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.commissioning.calibration.guided import Procedure
+from srl.commissioning.calibration.marks import MarkLaw
 from srl.commissioning.calibration.profile_subset import build
 from srl.commissioning.calibration.run_channels import RunChannels
 from srl.commissioning.calibration.screen import Screen
@@ -94,8 +95,14 @@ class Stepped(RowSource):
         return rows
 
     def mark(self, procedure: Procedure) -> None:
-        """Rows bear its step's mark from now on."""
-        self._graph.row.views[self.channel_map.parameter][()] = procedure.step.mark
+        """Rows bear its step's mark from now on. Raises ProfileError: a run would refuse it."""
+        mark, law = procedure.step.mark, self.channel_map.parameter.split(".")[0]
+        marked = [each.controller for each in self._graph.laws if isinstance(each.controller, MarkLaw)]
+        most = max((each.most for each in marked), default=0)
+        if mark > most:
+            problem = f"the mark {mark} is beyond the greatest of {law}, {most}: a run would refuse it"
+            raise ProfileError(law, problem, f"Set `most` of {law} to the greatest mark of any plan")
+        self._graph.row.views[self.channel_map.parameter][()] = mark
 
     def close(self) -> None:
         if self._graph.world is not None:
@@ -120,7 +127,7 @@ class Simulated(Stepped):
             raise ProfileError(
                 source.place("sim"), problem, "Add one that the calibration's page names, or calibrate a person"
             )
-        self._wearer = world.wearer
+        self._wearer, self._place = world.wearer, source.place("sim")
         # The rows' time begins with the world; their date is today's.
         graph.layout.meta["wall"] = time.time_ns()
         super().__init__(graph, tap, source.label, report)
@@ -134,7 +141,11 @@ class Simulated(Stepped):
 
     def begin(self, procedure: Procedure) -> None:
         self.mark(procedure)
-        self._wearer.instruct(procedure.instruction())
+        try:
+            self._wearer.instruct(procedure.instruction())
+        except ValueError as error:
+            remedy = "Add one that the calibration's page names"
+            raise ProfileError(self._place, f"this world's person can't do it: {error}", remedy) from None
 
     def close(self) -> None:
         super().close()

@@ -33,12 +33,17 @@ class RestMargin:
         self._a_e = options.body_acceleration * envelope.acceleration[self._segments].T
         self._body = BodyMotion(options.figure, envelope.ends, options.span)
         self._now, self._last = 0, b""
-        self._needed = options.least + options.uncertainty
+        self._needed = options.least + options.uncertainty + options.beside[self._links]
         # The other arm, as it is: its links, each with all links of this one that joints move.
         n = self._arms.n
         self._its, self._mine = np.tile(np.arange(n + 1), n), np.repeat(np.arange(1, n + 1), n + 1)
         self._other: Array | None = None  # (n + 1, 2, 3) m, ends of its links
-        self._apart = 2.0 * envelope.link_radius + options.least + 2.0 * options.uncertainty + _OTHER
+        self._apart = (
+            2.0 * envelope.link_radius
+            + options.least
+            + 2.0 * (options.uncertainty + float(options.beside.max()))
+            + _OTHER
+        )
 
     @property
     def known(self) -> bool:

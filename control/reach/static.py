@@ -1,8 +1,10 @@
-"""A way round what stands: RRT-Connect whose edges are judged by conservative advancement, and then made shorter.
+"""A way round what stands: RRT-Connect, made shorter, and then judged closely by conservative advancement.
 
 Where the margin is m and no point of the arm moves farther than r for each unit of the way, the next m / r of it are
 free. So an edge is judged at few places where there is room, and at none twice. Where less than `FLOOR` is left, the
-step is that of `FLOOR`: between two places the margin is then at most half of it below zero.
+step is that of `FLOOR`: between two places the margin is then at most half of it below zero. That takes many looks near
+things, so the trees grow by steps of `COARSE`, and only the way that they found is judged closely. If it isn't free,
+the search begins anew.
 
 The search asks for one posture after the other, so that a cycle looks at as many as it has time for.
 
@@ -13,6 +15,7 @@ Source: Kuffner and LaValle, ICRA 2000 (RRT-Connect); Mirtich, Impulse-based dyn
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -20,10 +23,11 @@ import numpy as np
 from srl.runtime.contracts.signals import Array
 
 FLOOR: Final = 0.005  # m
+COARSE: Final = 0.1  # of the scaled space
 _BRANCH: Final = 1.0  # of the scaled space, towards a random point
-_SHORTER: Final = 40  # attempts to make the way shorter
+_SHORTER: Final = 10  # attempts to make the way shorter
 _Tree = list[tuple[Array, int]]  # nodes, each with the place of the one before it; the root's is -1
-Search = Generator[Array, float, list[Array] | None]  # asks for the margin, m, of a posture; returns the way
+Search = Generator[Array, float, list[Array]]  # asks for the margin, m, of a posture; returns the way
 
 
 class Way:
@@ -62,8 +66,20 @@ class Way:
         return None
 
     def _search(self) -> Search:
-        if (yield from self._edge(self.start, self._goal))[1]:
-            return [self.start, self._goal]
+        way: list[Array] = [self.start, self._goal]
+        while True:
+            for a, b in pairwise(way):
+                if not (yield from self._edge(a, b, COARSE))[1]:
+                    break
+            else:
+                for a, b in pairwise(way):
+                    if not (yield from self._edge(a, b, 0.0))[1]:
+                        break
+                else:
+                    return way
+            way = yield from self._connect()
+
+    def _connect(self) -> Generator[Array, float, list[Array]]:
         trees: list[_Tree] = [[(self.start, -1)], [(self._goal, -1)]]
         first = 0
         while True:
@@ -87,18 +103,22 @@ class Way:
         if far < 1e-9:
             return at, True
         end = aim if far <= most else start + (aim - start) * (most / far)
-        reached, free = yield from self._edge(start, end)
+        reached, free = yield from self._edge(start, end, COARSE)
         if float(np.abs(reached - start).max()) < 1e-6:
             return at, False
         tree.append((reached, at))
         return len(tree) - 1, free and far <= most
 
-    def _edge(self, start: Array, end: Array) -> Generator[Array, float, tuple[Array, bool]]:
-        """The last free place on the way from start to end, and whether that is the end. The start is free."""
+    def _edge(self, start: Array, end: Array, coarse: float) -> Generator[Array, float, tuple[Array, bool]]:
+        """The last free place on the way from start to end, and whether that is the end. The start is free.
+
+        coarse: length of a step that is taken whatever the margin.
+        """
         if not (end != start).any():
             return end, True
         rate = max(float(np.abs(end - start) @ self._levers), 1e-12)  # what nothing hangs on is looked at once
-        last, t = start, min(FLOOR / rate, 1.0)
+        least = max(FLOOR / rate, coarse / float(np.abs(end - start).max()))
+        last, t = start, min(least, 1.0)
         while True:
             here = start + t * (end - start)
             margin = yield here
@@ -106,9 +126,9 @@ class Way:
                 return last, False
             if t >= 1.0:
                 return end, True
-            last, t = here, min(t + max(margin, FLOOR) / rate, 1.0)
+            last, t = here, min(t + max(margin / rate, least), 1.0)
 
-    def _shorter(self, way: list[Array]) -> Search:
+    def _shorter(self, way: list[Array]) -> Generator[Array, float, list[Array]]:
         """Straight where that is free between two drawn places of the way."""
         for _ in range(_SHORTER):
             if len(way) < 3:
@@ -116,7 +136,7 @@ class Way:
             i, j = sorted(self._rng.choice(len(way), 2, replace=False).tolist())
             if j - i < 2:
                 continue
-            if (yield from self._edge(way[i], way[j]))[1]:
+            if (yield from self._edge(way[i], way[j], COARSE))[1]:
                 way = way[: i + 1] + way[j:]
         return way
 

@@ -63,12 +63,12 @@ class Separation:
     Attributes:
         acceleration: a_e, m/s^2; one number, or (k, e) one for each pair and end.
         least: C, m: what is always kept.
-        uncertainty: Z_d, m: by which the other may be beside where it was seen.
+        uncertainty: Z_d, m: by which the two may be nearer than they were seen; one number, or (k,).
     """
 
     acceleration: float | Array
     least: float
-    uncertainty: float
+    uncertainty: float | Array
 
 
 def travels(path: Array, reach: Array) -> Array:

@@ -62,8 +62,8 @@ class BodyClearance(Clearance):
     """Compares all relevant pairs of links and segments along the braking motion (`srl.control.shared.approach`).
 
     Inputs: `rotation` (59, 4), `translation` (59, 3) m: the suit's joints in their parents. All is computed in the
-    frame of the node that carries the arms, which is taken for rigid with their base: what straps give is part of
-    `uncertainty`. The age of the pose is the time since its stamp, or since it last changed where a suit repeats
+    frame of the node that carries the arms, on which their base is rigid but for what straps give: `base_shift`,
+    `base_turn`. The age of the pose is the time since its stamp, or since it last changed where a suit repeats
     itself, and `latency`. A segment that a hanging joint moves stays where it was seen last, and gets older by itself
     (`JointAge`). The other arms that hang on the same node and have such a clearance are compared, too (`OtherArm`).
     """
@@ -104,7 +104,7 @@ class BodyClearance(Clearance):
         self.creep = options.creep
         self._radii = envelope.radii[self._segments] + envelope.link_radius
         self._a_e = options.acceleration * envelope.acceleration[self._segments]
-        self._needed = Separation(self._a_e, options.least, options.uncertainty)
+        self._needed = Separation(self._a_e, options.least, options.uncertainty + options.beside[self._links])
         self._motion = BodyMotion(config.figure, envelope.ends, options.span)
         self._joints = JointAge(config.figure, envelope.ends, options.repeat)
         # As each segment was seen last with all its joints: ends (m), their velocity (m/s), the window (s), when (ns).
@@ -122,7 +122,13 @@ class BodyClearance(Clearance):
         self._distance = float("nan")
         self._first: tuple[bytes, Seen] | None = None  # the arm's nodes, and what is seen there in this cycle
         self.body = Limb(
-            arms, options.arm, self._order, by_link, envelope.links, envelope.link_radius, options.uncertainty
+            arms,
+            options.arm,
+            self._order,
+            by_link,
+            envelope.links,
+            envelope.link_radius,
+            options.uncertainty + float(options.beside.max()),
         )
         self._others: list[OtherArm] = []
 
@@ -208,7 +214,7 @@ class BodyClearance(Clearance):
         clear = True
         if near.size:
             seen = self._seen(way.nodes, near)
-            needed = Separation(self._a_e.take(near, axis=0), needed.least, needed.uncertainty)
+            needed = self._needed_of(near)
             age, travel, slack = self._ages.take(near), travel.take(near, axis=1), slack.take(near)
             margin = margins(seen.height, seen.speed, travel, way.until, age, slack, needed)
             close = np.flatnonzero(~(margin >= 0.0).all(axis=0))  # a closer look costs more
@@ -236,8 +242,7 @@ class BodyClearance(Clearance):
         pairs = near.take(close)
         found = Nearest(*(each.take(close, axis=-1) for each in seen.found))
         height, speed = seen.height.take(close, axis=1), seen.speed.take(close, axis=1)
-        links, age, a_e = self._links.take(pairs), self._ages.take(pairs), self._a_e.take(pairs, axis=0)
-        needed = Separation(a_e, self._needed.least, self._needed.uncertainty)
+        links, age, needed = self._links.take(pairs), self._ages.take(pairs), self._needed_of(pairs)
         levers = way.levers(found, links)
         by_levers, gap = way.close(levers, height, speed, links, age, needed)
         margin = np.maximum(margin, by_levers)
@@ -247,13 +252,19 @@ class BodyClearance(Clearance):
             pairs = pairs.take(left)
             t = way.until[1:, None] + age.take(left)
             ends = self._pace.take(self._segments.take(pairs), axis=0) + self._swing.take(pairs, axis=1).T
-            moved = ends * t[..., None] + 0.5 * a_e.take(left, axis=0) * (t * t)[..., None]
+            moved = ends * t[..., None] + 0.5 * self._a_e.take(pairs, axis=0) * (t * t)[..., None]
             radii = self._radii.take(pairs)
             limit[left] = way.closing(
                 levers.take(left), links.take(left), gap.take(left, axis=1) + radii, found.distance.take(left, axis=1),
-                moved.max(axis=-1) + self.options.uncertainty, radii + self.options.least,
+                moved.max(axis=-1) + np.take(self._needed.uncertainty, pairs), radii + self.options.least,
             )  # fmt: skip
+            # A base that is turned turns the arm's velocities, too.
+            limit[left] += self.options.base_turn * way.speed.take(links.take(left))
         return margin, limit
+
+    def _needed_of(self, pairs: NDArray[np.intp]) -> Separation:
+        needed = self._needed
+        return Separation(self._a_e.take(pairs, axis=0), needed.least, np.take(needed.uncertainty, pairs))
 
     def _clear_of(self, other: OtherArm, way: Way) -> bool:
         judged = other.judge(way)

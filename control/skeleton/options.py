@@ -5,15 +5,17 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from srl.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope
+from srl.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope, reaches
 from srl.control.skeleton.human import human
 from srl.control.skeleton.human_srl import HumanSrl
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import OptionError, RecordingError
 from srl.runtime.contracts.files import FileOption, KeptFile
 from srl.runtime.contracts.options import Options
+from srl.runtime.contracts.signals import Array
 from srl.runtime.models.models import ArmsOption, named
 from srl.runtime.models.skeleton import bvh
 from srl.runtime.models.skeleton.arms import Side
@@ -63,6 +65,15 @@ class EnvelopeOptions(FigureOptions):
     clothing: float = Field(CLOTHING, ge=0, lt=0.2, description="m, on all other segments")
     link_radius: float = Field(LINK_RADIUS, ge=0.01, lt=0.5, description="m, of the arm's links")
     stroke: float = Field(0.2, ge=0.01, lt=1, description="m, that a sliding joint moves at most")
+    base_shift: float = Field(
+        0.0, ge=0, lt=0.3, description="m, that the arm's base may be beside where it is worn: what straps give"
+    )
+    base_turn: float = Field(
+        0.0,
+        ge=0,
+        lt=0.5,
+        description="rad, by which the base may be turned, about any axis; counts by each link's reach",
+    )
     leave_out: tuple[tuple[str, str], ...] = Field((), description="pairs [link, segment] that aren't compared")
 
     @cached_property
@@ -75,6 +86,15 @@ class EnvelopeOptions(FigureOptions):
         """The capsules. Raises OptionError."""
         arms = self.arms.arms
         return Envelope(self.figure.tree, arms, self.arm, self.radii, self.clothing, self.link_radius, self.leave_out)
+
+    @cached_property
+    def beside(self) -> Array:
+        """(n + 1,) m: by how much each link may be beside where it is said to be, by what the base gives."""
+        arms = self.arms.arms
+        stroke = np.full(arms.n, self.stroke)
+        far = reaches(arms, self.arm, -stroke, stroke).max(axis=0) + np.linalg.norm(arms.offsets(self.arm)[1])
+        made: Array = self.base_shift + self.base_turn * far
+        return made
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
