@@ -99,6 +99,23 @@ def test_a_weak_grip_is_refused_and_writes_nothing(folder: Path) -> None:
     assert sorted(folder.iterdir()) == before
 
 
+def test_a_mark_that_a_run_would_refuse_is_an_error_in_simulation_too(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(registry.load("controllers", "grip-marks", "test"), "most", 0)
+    assert "the mark 1 is beyond the greatest of grip-marks, 0" in refused(*SIMULATED)
+
+
+def test_a_person_who_can_t_do_it_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hand = registry.load("parts", "gripping-hand", "test")
+
+    def no(self: object, what: object) -> None:
+        raise ValueError("this hand can't")
+
+    monkeypatch.setattr(hand, "instruct", no)
+    assert "this world's person can't do it: this hand can't" in refused(*SIMULATED)
+
+
 @pytest.mark.usefixtures("folder")
 class TestGrippingHand(PartConformance):
     part = "gripping-hand"
