@@ -20,7 +20,7 @@ PEOPLE = range(1, 7)
 
 
 def values(number: int, right: float, found: float, **alarms: int) -> dict[str, float]:
-    made: dict[str, float] = {"unseen_rejected": 0.5, "unseen_taken": 0.5}
+    made: dict[str, float] = {"unseen_rejected": 0.5, "unseen_taken": 0.5, "dwell": 0.6, "trigger": 0.4}
     for label in (*ACTIONS, *BACKGROUND):
         made |= {f"{label}_right": right + 0.001 * number, f"{label}_rejected": 0.01}
         made |= {f"{label}_found": found, f"{label}_another": 0.0, f"{label}_delay": 1.2} if label in ACTIONS else {}
