@@ -23,6 +23,7 @@ _KEPT: Final = 0.03  # m of margin on the way, where the goal has as much: what 
 _OUT: Final = 0.04  # m of margin up to which a posture is left
 _PACE: Final = 0.5  # of the greatest speed, on the way out
 _GIVES: Final = 6.0  # s for which the arm goes back and stays there
+_SAME: Final = 0.002  # m, within which a place is still the same
 _SLOW: Final = 0.1  # of its greatest speed: slower than that, the arm doesn't come nearer
 
 
@@ -105,7 +106,7 @@ class Reach(Controller):
         self._rest.see(self.input["rotation"], self.input["translation"], dt)
         seen = self._rest.known and self._sees_other()
         target = self.input["target"]
-        if np.isfinite(target).all() and not np.array_equal(target, self._old):
+        if np.isfinite(target).all() and self._differs(target):
             self._old[:] = target
             self._back, self._place = 0.0, None
             if self._point:
@@ -124,6 +125,12 @@ class Reach(Controller):
             return
         self._give_way(dt)
         self._towards(q, self._goal, dt)
+
+    def _differs(self, target: Array) -> bool:
+        """Whether it is another goal. A place that is measured is never the same twice."""
+        if self._point:
+            return not bool((np.abs(target - self._old) <= _SAME).all())
+        return not np.array_equal(target, self._old)
 
     def _sees_other(self) -> bool:
         if not self.options.other:

@@ -161,3 +161,96 @@ def test_limits_are_needed_and_must_be_ranges():
         ReachConfig(arms=ARMS)
     with pytest.raises(ValidationError, match="isn't below"):
         ReachConfig(arms=ARMS, **(LIMITS | {"lower": LIMITS["upper"]}))
+
+
+def a_point_law() -> tuple[Reach, Wearer]:
+    law = bound(Reach("reach", ReachConfig(arms=ARMS, target="point", **LIMITS)))
+    wearer = Wearer(BodyClearanceConfig(least=0.02, uncertainty=0.0), np.random.default_rng(0), 1.0)
+    law.input["rotation"][:], law.input["translation"][:] = wearer.aside(), wearer.translation
+    law.input["target"][:] = np.nan
+    return law, wearer
+
+
+def test_its_end_goes_to_a_place_that_is_measured_and_noisy():
+    law, _ = a_point_law()
+    side, arms = CONFIG.arm, CONFIG.arms.arms
+    q = step(law, AWAY, 10)
+    law.reset()
+    q = step(law, q, 10)
+    place = link_nodes(arms, side, np.array([[-1.0, -0.6, 0.3, -0.6, 0.05, -0.3, 0.1]]))[0, -1]
+    noise = np.random.default_rng(1)
+    seen = set()
+    for _ in range(1500):
+        law.input["target"][:] = place + noise.normal(0.0, 0.0003, 3)
+        q = step(law, q)
+        seen.add(mode(law))
+        if mode(law) is Mode.ARRIVED:
+            break
+    assert mode(law) is Mode.ARRIVED
+    assert Mode.SEARCHING in seen
+    assert np.linalg.norm(link_nodes(arms, side, q[None])[0, -1] - place) < 0.004
+
+
+def test_a_place_out_of_reach_is_said_and_the_arm_stays():
+    law, _ = a_point_law()
+    q = step(law, AWAY, 10)
+    law.reset()
+    q = step(law, q, 10)
+    law.input["target"][:] = 3.0, 0.0, 0.0
+    after = step(law, q, 300)
+    assert mode(law) is Mode.UNREACHABLE
+    assert (after == q).all()
+
+
+def test_beside_the_other_arm_it_keeps_off_it_and_without_its_joints_it_waits():
+    arms = ArmsModel(base=(-0.06, 0.05, 0.35), sides=("right", "left"))
+    law = bound(Reach("reach", ReachConfig(arms=arms, side="right", other=True, give_way=1.0, **LIMITS)))
+    _, wearer = a_law()
+    law.input["rotation"][:], law.input["translation"][:] = wearer.aside(), wearer.translation
+    law.input["target"][:], law.input["other"][:] = np.nan, AWAY
+    q = step(law, AWAY, 10)
+    law.reset()
+    q = step(law, q, 10)
+    law.input["other"][:] = np.nan
+    law.input["target"][:] = AWAY * 0.8
+    assert (step(law, q, 20) == q).all()
+    assert mode(law) is Mode.WAITING
+    # Where the other arm is decides how much room a posture has.
+    rest, draws, margins = law._rest, np.random.default_rng(4).uniform(LOW, HIGH, (400, 7)), []
+    for other in (AWAY, np.array([0.9, -0.6, 0.3, -0.6, 0.05, -0.3, 0.1])):
+        rest.see_other(other)
+        margins.append(rest.margins(draws))
+    assert (margins[0] != margins[1]).any()
+    alone = bound(Reach("reach", ReachConfig(arms=arms, side="right", **LIMITS)))._rest
+    for k in range(10):
+        pose = wearer.aside()
+        pose[0, 1] += 1e-12 * k
+        alone.see(pose, wearer.translation, DT)
+    assert (margins[1] <= alone.margins(draws) + 1e-6).all()
+
+
+def test_it_goes_back_for_the_other_arm_where_it_comes_no_nearer_and_tries_again():
+    """A goal at which it couldn't rest, beside a wearer who stands still."""
+    law = bound(Reach("reach", ReachConfig(arms=ARMS, give_way=1.0, **LIMITS)))
+    _, wearer = a_law()
+    law.input["rotation"][:], law.input["translation"][:] = wearer.aside(), wearer.translation
+    law.input["target"][:] = np.nan
+    q = step(law, AWAY, 10)
+    law.reset()
+    q = step(law, q, 10)
+    draws = np.random.default_rng(2).uniform(LOW, HIGH, (2000, 7))
+    law.input["target"][:] = draws[int(beside_a_still_wearer().margins(draws).argmin())]
+    seen = []
+    for _ in range(2500):
+        before = q
+        q = step(law, q)
+        q = before if beside_a_still_wearer_is_near(law, q) else q
+        seen.append(mode(law))
+    assert Mode.GIVING_WAY in seen
+    first = seen.index(Mode.GIVING_WAY)
+    assert any(each is not Mode.GIVING_WAY for each in seen[first:]), "it tries again"
+
+
+def beside_a_still_wearer_is_near(law: Reach, q: Array) -> bool:
+    """What the guard wouldn't let through."""
+    return bool(law._rest.margins(q[None])[0] < 0.0)
