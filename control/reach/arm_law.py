@@ -277,7 +277,7 @@ class ArmReach(Controller):
             self._seen += 1
             if self._room(found / self._scale) >= self._allowed:
                 self._candidates.append(found / self._scale)
-        if len(self._candidates) >= 8 or (self._inverse.turns >= 120 and self._candidates):
+        if len(self._candidates) >= 4 or (self._inverse.turns >= 60 and self._candidates):
             self._goals = sorted(self._candidates, key=lambda goal: float(np.abs(goal - here).max()))
             self._margin = self._room(self._goals[0]) - self._allowed
         elif self._inverse.turns >= 200:
