@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from helpers.bus import FINGERS, JOINTS, Run, spawn
 from helpers.wait import until
-from helpers.zenoh import bound, certificates, cycles, lost, reopened
+from helpers.zenoh import bound, certificates, cycles, lost, refusal, reopened
 
 from srl.drivers.zenoh import Zenoh, ZenohConfig
 from srl.runtime.contracts.errors import DeviceError
@@ -95,8 +95,7 @@ def test_a_sender_with_other_names_is_refused(tmp_path: Path, key: str, wanted: 
     other = Other(tmp_path)
     device = remote(other.port, {key: SIGNALS[key] | wanted})
     try:
-        with pytest.raises(DeviceError, match=output):
-            device.open()
+        assert output in refusal(device)
     finally:
         device.close()
         other.close()
@@ -124,8 +123,7 @@ def test_the_wrong_instance_and_signal_are_named(tmp_path: Path) -> None:
         device.close()
         for key, output in ((f"{PLACE}glove/positions", "Did you mean 'srl/one/state/glove/position'"),):
             device = remote(other.port, {"position": SIGNALS["position"] | {"key": key}})
-            with pytest.raises(DeviceError, match=output):
-                device.open()
+            assert output in refusal(device)
     finally:
         other.close()
 

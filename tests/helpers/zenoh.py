@@ -122,6 +122,25 @@ def reopened(driver: Driver) -> None:
     until(is_open, what=lambda: f"it opens again; {output}", pause=0.1)
 
 
+def refusal(driver: Driver) -> str:
+    """Why it doesn't open, once it has a connection: a busy host may not answer in time."""
+    output = ""
+
+    def answered() -> bool:
+        nonlocal output
+        try:
+            driver.close()
+            driver.open()
+        except DeviceError as error:
+            output = str(error)
+            return "no connection" not in output
+        output = "it opened"
+        return True
+
+    until(answered, what=lambda: f"an answer; {output}", pause=0.1)
+    return output
+
+
 def certificates(folder: Path, names: Sequence[str], addresses: Sequence[str] = ("127.0.0.1",)) -> dict[str, TlsConfig]:
     """An authority, and a certificate it has signed for each name, valid for localhost and the addresses."""
 
