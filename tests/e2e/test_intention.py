@@ -33,6 +33,22 @@ def test_its_wearer_is_recognised_action_by_action() -> None:
     assert held == ["overhead", "forward", "reach-left", "reach-right"]
 
 
+def test_only_the_action_that_a_press_confirms_becomes_active() -> None:
+    """As docs/intention.md shows it: the wearer does four actions and presses the ring during the first."""
+    pressed = [
+        "devices.ring={driver: ring, port: /dev/input/event0}", "controllers.0.confirm=press",
+        "controllers.0.in.confirm=ring.buttons", "sim.devices.ring.presses=[[4.8, 5.0]]",
+    ]  # fmt: skip
+    checked, source = profile.load("suit-intention", pressed)
+    run, held = Lockstep(wiring.build(checked, source, []), lambda text: None), set[str]()
+    labels = run.graph.layout.fields["intention.action"].labels
+    for _ in range(round(100 * 4 * (PAUSE + ACTION))):
+        run.step()
+        on = run.graph.row.views["intention.action"]
+        held |= {labels[int(on.argmax())]} if on.any() else set()
+    assert held == {"overhead"}
+
+
 def test_a_lost_suit_stops_the_run_and_a_reset_begins_with_an_empty_window() -> None:
     run = lockstep(loss="[[5.0, 5.5]]")  # while the hands are over the head
     views, ints = run.graph.row.views, run.graph.row.ints
