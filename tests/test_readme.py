@@ -82,14 +82,17 @@ def test_half_an_hour_as_far_as_it_goes_without_a_device(shell: Shell) -> None:
     shell.types("\n".join(before))
     with ended(["sh", "-c", f"exec {served}"], **reported) as twin:
         until(lambda: (shell.folder / "ports" / "finger").exists() or twin.poll() is not None, timeout=TIMEOUT)
-        with ended(["sh", "-c", f"exec {block('run')}"], **reported) as run:
-            start, stop = block("requests").splitlines()
-            until(lambda: ready(shell) or run.poll() is not None, timeout=TIMEOUT)
-            # A twin that a busy machine holds up is stale for a moment, and then the start is refused.
-            until(lambda: shell.runs(start), pause=0.5, what="the start", timeout=TIMEOUT)
-            shell.types(stop)
-            out, output = run.communicate(timeout=TIMEOUT)
-            assert run.returncode == 0, out + output
+        start, stop = block("requests").splitlines()
+        for _ in range(5):
+            with ended(["sh", "-c", f"exec {block('run')}"], **reported) as run:
+                until(lambda process=run: ready(shell) or process.poll() is not None, timeout=TIMEOUT)
+                # A twin that a busy machine holds up is stale for a moment, and then the start is refused.
+                until(lambda: shell.runs(start), pause=0.5, what="the start", timeout=TIMEOUT)
+                shell.types(stop)
+                out, output = run.communicate(timeout=TIMEOUT)
+            if "device_loss finger" not in output:  # as when the twin is stale just after the start
+                break
+        assert run.returncode == 0, out + output
     assert "identical" in shell.types("srl replay rehearsal.rrd")
     (doctor,) = re.findall(r"`(srl doctor [^`]*)`", README)
     done = subprocess.run(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.held_up import HELD_UP
 from helpers.panel import SIGNAL, MadeUpLoop
 from helpers.run import ended, environment, refused, srl
 
@@ -285,7 +286,7 @@ def in_a_lab(folder: Path) -> Path:
         (made := folder / str(attempt)).mkdir()
         (script := made / "lab.py").write_text(_LAB)
         done = in_namespace(f"{sys.executable} {script} {made}", made)
-        if "the loop gave no sign of life" not in done.stderr:
+        if HELD_UP not in done.stderr:
             break
     assert done.returncode == 0, done.stderr
     assert "rows were sent, 0 lost" in json.loads(done.stdout.splitlines()[-1])

@@ -53,6 +53,6 @@ def seen(loop: OperatedLoop, process: OperatorPage, browser: Chromium) -> Iterat
     page = browser.open(process.new_address())
     page.ask("Emulation.setFocusEmulationEnabled", enabled=True)
     made = Seen(loop, process, page)
-    until(lambda: made.now("condition") == "live" and made.now("takes"))
+    until(lambda: made.now("condition") == "live" and made.now("takes"), timeout=100.0)
     yield made
     page.close()

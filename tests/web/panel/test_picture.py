@@ -162,7 +162,7 @@ def test_what_is_wrong_is_said(seen: Seen, change: dict[str, Any], condition: st
     vars(seen.loop).update(change)
     seen.until("condition", condition)
     until(lambda: words in seen.text("warning"))
-    assert seen.now("current")  # rows come, so what is drawn is of now
+    until(lambda: seen.now("current"))  # rows come, so what is drawn is of now
     law = "state" not in change  # no law runs while the limb is stopped: what they gave is drawn as old
     until(lambda: {now for *_, now in seen.now("things")} == {law})
     assert ({(86, 180, 233), (230, 159, 0)} <= seen.colors()) == law
