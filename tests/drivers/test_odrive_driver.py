@@ -28,8 +28,8 @@ def states(rig):
 
 def test_none_goes_on_from_its_first_command_until_all_obey(rig):
     rig.run(0.02)
+    of(rig, 1).mute = True  # before it can say that it obeys
     rig.run(0.005, [0.0, 0.0])
-    of(rig, 1).mute = True
     rig.run(0.3, [0.1, 0.1])
     assert states(rig) == [8, 8]
     assert rig.driver.sent_arrays["position_command"] == pytest.approx([0.0, 0.0])
