@@ -1,6 +1,6 @@
 """What a way costs: `arm-reach` against OMPL's RRT-Connect with the same distances, and what a posture costs.
 
-Each problem is a Panda that goes from one random free posture to another past a post and a shelf. Both planners ask the
+Each problem is a Panda that goes from one random free posture to another past a post and a board. Both planners ask the
 same function for the margin of a posture. OMPL judges edges at a fixed resolution, as its own default would (1 % of the
 space's extent); it is stopped at 5 s. Simulated.
 """
@@ -28,7 +28,7 @@ _OMPL: Final = "OMPL RRT-Connect"
 _MOST: Final = 200_000  # postures
 _THINGS: Final = {
     "post": {"position": (0.45, 0.0, 0.4), "radius": 0.06, "length": 0.8},
-    "shelf": {"position": (0.0, 0.5, 0.5), "size": (0.4, 0.1, 0.6)},
+    "board": {"position": (0.0, 0.5, 0.5), "size": (0.4, 0.1, 0.6)},
 }
 
 
@@ -59,9 +59,9 @@ def _ways(plan: Callable[[Array, Array, int], bool]) -> dict[str, float]:
     """ms of the processor for each problem; one that isn't solved counts as the longest."""
     took = []
     for seed, (start, goal) in enumerate(_scene()[1]):
-        begun = clock()
+        before = clock()
         plan(start, goal, seed)
-        took.append((clock() - begun) / 1e6)
+        took.append((clock() - before) / 1e6)
     return {"p50": float(np.median(took)), "p90": float(np.quantile(took, 0.9))}
 
 
@@ -101,11 +101,11 @@ def run() -> list[Row]:
     apart, problems = _scene()
 
     def postures() -> dict[str, float]:
-        begun = clock()
+        before = clock()
         for start, goal in problems:
             apart.margin(start)
             apart.margin(goal)
-        return {"p50": (clock() - begun) / 2e3 / len(problems)}
+        return {"p50": (clock() - before) / 2e3 / len(problems)}
 
     period: dict[str, Any] = {"p50": 10_000.0}
     price = measure(postures, {"a period of 10 ms": lambda: period})

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from srl.control.intention.decision import NONE, Decision
-from srl.control.intention.discriminant import Discriminant, fit, posterior, temperature
+from srl.control.intention.discriminant import Discriminant, fit, temperature
 from srl.control.intention.features import FEATURES, FRAMES, RATE, features
-from srl.control.intention.triggers import DWELLS, SHARES, Triggers, choose
+from srl.control.intention.triggers import DWELLS, RATIOS, Triggers, choose, looks
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
@@ -53,14 +53,9 @@ class Thresholds(Options):
         None, ge=0.0, le=3.0, description="s for which an action must be seen before it is active; null: chosen"
     )
     trigger: float | None = Field(
-        None, gt=0.0, le=1.0, description="share of the limits within which an action counts as meant; null: chosen"
+        None, gt=0.0, le=1.0, description="ratio to the limits within which an action counts as meant; null: chosen"
     )
-    cost: float = Field(
-        1.0,
-        ge=0.0,
-        le=100.0,
-        description="of a trigger by an unknown motion, in missed actions",
-    )
+    cost: float = Field(1.0, ge=0.0, le=100.0, description="of a trigger by an unknown motion, in missed actions")
     alarms: float = Field(
         2.0, gt=0.0, description="a minute, that the everyday motion must make unlikely (95 %), if it is recorded"
     )
@@ -174,17 +169,17 @@ def train(trials: Sequence[Trial], thresholds: Thresholds) -> tuple[Recogniser, 
         found, len(actions), parts, [found.distances(each) for each in everyday if len(each)],
         confidence=thresholds.confidence, cost=thresholds.cost, slack=thresholds.slack,
         dwells=DWELLS if thresholds.dwell is None else (thresholds.dwell,),
-        shares=SHARES if thresholds.trigger is None else (thresholds.trigger,),
+        ratios=RATIOS if thresholds.trigger is None else (thresholds.trigger,),
     )  # fmt: skip
     made = Recogniser(actions, background, found, triggers)
     return made, _judge(made, thresholds, parts)
 
 
-def seen(recogniser: Recogniser, distances: Array) -> tuple[NDArray[np.intp], Array]:
-    """Per row of squared distances (T, m): the class, or m where it is rejected; and the posteriors (T, m)."""
+def seen(recogniser: Recogniser, distances: Array) -> NDArray[np.intp]:
+    """(T,): the class of each row of squared distances (T, m), or m where it is rejected."""
     best = distances.argmin(axis=1)
     outside = distances.min(axis=1) > recogniser.discriminant.limits[best]
-    return np.where(outside, len(recogniser.labels), best), posterior(distances, recogniser.discriminant.temperature)
+    return np.where(outside, len(recogniser.labels), best)
 
 
 def refusals(recogniser: Recogniser, held: Held, thresholds: Thresholds) -> tuple[TrainingError, ...]:
@@ -252,14 +247,12 @@ def _judge(recogniser: Recogniser, thresholds: Thresholds, parts: list[tuple[int
     found, wrong, trials = (np.zeros(k, np.intp) for _ in range(3))
     delays: list[list[float]] = [[] for _ in range(k)]
     alarms, seconds = 0, 0.0
-    limits = recogniser.discriminant.limits * np.append(recogniser.triggers.limits, np.zeros(m - k))
+    limits = np.append(recogniser.triggers.limits, np.full(m - k, -1.0))  # what isn't an action never counts
     for kind, distances in parts:
-        best, likely = seen(recogniser, distances)
-        confusion[kind] += np.bincount(best, minlength=m + 1)
+        confusion[kind] += np.bincount(seen(recogniser, distances), minlength=m + 1)
         decision, held = Decision(recogniser.triggers.dwell, thresholds.release), list[tuple[int, int]]()
-        nearest = distances.argmin(axis=1)
-        counts = (distances.min(axis=1) <= limits[nearest]) & (likely.max(axis=1) >= thresholds.confidence)
-        for at, number in enumerate(np.where(counts, nearest, NONE).tolist()):
+        nearest, ratio = looks(recogniser.discriminant, distances, thresholds.confidence)
+        for at, number in enumerate(np.where(ratio <= limits[nearest], nearest, NONE).tolist()):
             before = decision.action
             action = decision.next(number, 1.0 / RATE)
             if action not in (before, NONE):

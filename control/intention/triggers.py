@@ -1,6 +1,6 @@
 """When an action counts as meant: how near to it the motion must be, and for how long.
 
-A motion triggers an action where its squared distance stays within the share `limits` of the class's limit for `dwell`.
+A motion triggers an action where its squared distance stays within the ratio `limits` to the class's limit for `dwell`.
 Both are chosen on what was held out. An action must trigger itself: else it is missed. An action that the recogniser
 doesn't know must trigger nothing: each action is taken for unknown in turn, by leaving its class out of the comparison.
 The candidates are compared by the share of trials that are missed, plus `cost` times the share of those that trigger
@@ -22,13 +22,14 @@ from math import ceil, exp
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from srl.control.intention.discriminant import Discriminant, posterior
 from srl.control.intention.features import RATE
 from srl.runtime.contracts.signals import Array
 
 DWELLS: Final = (0.3, 0.6, 1.0)  # s that are tried
-SHARES: Final = (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the limit, that are tried
+RATIOS: Final = (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.3)  # to the limit, that are tried
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Triggers:
 
     Attributes:
         dwell: s for which an action must be seen.
-        limits: (k,) share of the class's limit within which a motion must be.
+        limits: (k,) ratio of squared distance to the class's limit, within which a motion must be.
         missed: share of held-out trials that don't trigger their action.
         unknown: share of them that trigger another action if theirs is unknown.
         everyday: s of everyday motion that triggers nothing.
@@ -70,8 +71,21 @@ def _upper(shape: int) -> float:
     return low
 
 
+def looks(found: Discriminant, distances: Array, confidence: float) -> tuple[NDArray[np.intp], Array]:
+    """Per window the nearest class, and its squared distance over the class's limit; infinite where it isn't sure.
+
+    Args:
+        found: with limits and temperature.
+        distances: (T, m), squared.
+        confidence: least posterior that counts.
+    """
+    best = distances.argmin(axis=1)
+    sure = posterior(distances, found.temperature).max(axis=1) >= confidence
+    return best, np.where(sure, distances.min(axis=1) / found.limits[best], np.inf)
+
+
 def least(found: Discriminant, distances: Array, k: int, confidence: float, dwell: float) -> Array:
-    """(k,): the share of the limit at which each action would just trigger in a motion; infinite if it never would.
+    """(k,): the ratio to the limit at which each action would just trigger in a motion; infinite if it never would.
 
     Args:
         found: with limits and temperature.
@@ -84,11 +98,9 @@ def least(found: Discriminant, distances: Array, k: int, confidence: float, dwel
     lowest = np.full(k, np.inf)
     if len(distances) < length:
         return lowest
-    best = distances.argmin(axis=1)
-    share = distances.min(axis=1) / found.limits[best]
-    sure = posterior(distances, found.temperature).max(axis=1) >= confidence
+    best, ratio = looks(found, distances, confidence)
     for action in np.unique(best[best < k]).tolist():
-        own = np.where(sure & (best == action), share, np.inf)
+        own = np.where(best == action, ratio, np.inf)
         runs = np.lib.stride_tricks.sliding_window_view(own, length)
         lowest[action] = runs.max(axis=1).min()
     return lowest
@@ -104,9 +116,9 @@ def choose(
     cost: float,
     slack: float,
     dwells: Sequence[float] = DWELLS,
-    shares: Sequence[float] = SHARES,
+    ratios: Sequence[float] = RATIOS,
 ) -> Triggers:
-    """Chooses among `dwells` and `shares`; see the module's text. Of equals the shortest dwell, then the widest limit.
+    """Chooses among `dwells` and `ratios`; see the module's text. Of equals the shortest dwell, then the widest limit.
 
     Args:
         found: with limits and temperature.
@@ -116,7 +128,7 @@ def choose(
         confidence: least posterior that counts.
         cost: of a trial that triggers another action, in missed ones.
         slack: by which everyday motion stays beyond the limits.
-        dwells, shares: the candidates.
+        dwells, ratios: the candidates.
     """
     own = [(kind, distances) for kind, distances in trials if kind < k]
     blind = [(kind, np.where(np.arange(distances.shape[1]) == kind, np.inf, distances)) for kind, distances in own]
@@ -128,13 +140,13 @@ def choose(
         others = np.array([least(found, distances, k, confidence, dwell) for _, distances in blind])
         reached = [least(found, distances, k, confidence, dwell) for distances in everyday]
         most = np.min(reached, axis=0) / slack if reached else np.full(k, np.inf)
-        for share in sorted(shares, reverse=True):
-            limits = np.minimum(share, most)
+        for ratio in sorted(ratios, reverse=True):
+            limits = np.minimum(ratio, most)
             missed = float((hits[rows, kinds] > limits[kinds]).mean())
             unknown = float((others <= limits).any(axis=1).mean())
             score = missed + cost * unknown
             if best is None or score < best[0] - 1e-9:
                 seconds = sum(len(distances) for distances in everyday) / RATE
-                best = score, Triggers(dwell, limits, missed, unknown, seconds, int((most < share).sum()))
+                best = score, Triggers(dwell, limits, missed, unknown, seconds, int((most < ratio).sum()))
     assert best is not None
     return best[1]

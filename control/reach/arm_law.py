@@ -7,12 +7,13 @@ from typing import Any, Final
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from srl.control.arm.options import joints
 from srl.control.arm.tool_target import ToolTarget
 from srl.control.cobot.robot_distances import RobotDistances
 from srl.control.reach.arm_options import ArmReachConfig
-from srl.control.reach.inverse import Inverse
+from srl.control.reach.goal_search import GoalSearch
 from srl.control.reach.mode import Mode
 from srl.control.reach.static import Way
 from srl.runtime.contracts import rotation
@@ -205,10 +206,8 @@ class ArmReach(Controller):
 
     def _forget(self) -> None:
         """What was searched from elsewhere counts no more."""
-        self._inverse: Inverse | None = None
+        self._goal_search: GoalSearch | None = None
         self._search: Way | None = None
-        self._candidates: list[Array] = []
-        self._seen = 0
         self._way = []
 
     # -- all below in seconds of the way: positions over the joints' speeds
@@ -256,7 +255,7 @@ class ArmReach(Controller):
         return low / self._scale, high / self._scale
 
     def _postures(self, here: Array, margin: float) -> None:
-        """Looks for postures at the goal, one turn in a cycle."""
+        """Looks for postures at the goal, one iteration in a cycle."""
         assert self._wanted is not None
         if self._kind == "joints":
             if bool(((self._wanted < self._lower) | (self._wanted > self._upper)).any()):
@@ -266,25 +265,17 @@ class ArmReach(Controller):
             self._margin = self._room(self._goals[0]) - self._allowed
             self._tell(Mode.SEARCHING, margin)
             return
+        if self._goal_search is None:
+            self._goal_search = GoalSearch(self._residual, self._free, self._scale)
         low, high = self._bounds(here)
-        if self._inverse is None:
-            self._seed += 1
-            self._inverse = Inverse(
-                self._residual, low * self._scale, high * self._scale, here * self._scale, self._seed
-            )
-        self._inverse.turn()
-        for found in self._inverse.take():
-            self._seen += 1
-            if self._room(found / self._scale) >= self._allowed:
-                self._candidates.append(found / self._scale)
-        if len(self._candidates) >= 4 or (self._inverse.turns >= 60 and self._candidates):
-            self._goals = sorted(self._candidates, key=lambda goal: float(np.abs(goal - here).max()))
+        found = self._goal_search.step(here * self._scale, low * self._scale, high * self._scale)
+        if found:
+            self._goals = [q / self._scale for q in found]
             self._margin = self._room(self._goals[0]) - self._allowed
-        elif self._inverse.turns >= 200:
-            self._failed = True
-            self._inverse = None  # another seed
-        waits = Mode.WAITING if self._seen else Mode.UNREACHABLE
-        self._tell(waits if self._failed else Mode.SEARCHING, margin)
+        self._tell(self._goal_search.mode, margin)
+
+    def _free(self, path: Array) -> NDArray[np.bool_]:
+        return np.array([self._distances.margin(q) >= self._allowed for q in path])
 
     def _look(self, here: Array, margin: float) -> None:
         """Looks for a way, some postures in a cycle."""
@@ -359,7 +350,7 @@ class ArmReach(Controller):
         way = np.where(((q <= self._lower) & (way < 0.0)) | ((q >= self._upper) & (way > 0.0)), 0.0, way)
         size = float(np.abs(way).max(initial=0.0))
         self._tried += dt
-        if near.overlaps or size < 1e-9 or self._tried > _TRIES:  # which way leads out can't be told
+        if near.overlaps or size < 1e-9 or self._tried > _TRIES:  # which way leads out isn't known
             self._speed = 0.0
             self._command(q, np.zeros_like(q))
             self._tell(Mode.WAITING, self._room(here))

@@ -34,5 +34,5 @@ class ArmReachConfig(ControllerConfig):
     )
     rotation_weight: Positive = Field(0.2, description="m: a rad of rotation counts as much as this")
     postures: int = Field(10, ge=1, le=200, description="postures that are looked at in a cycle, while it searches")
-    max_postures: int = Field(5000, ge=10, description="of one search, after which another is begun")
+    max_postures: int = Field(5000, ge=10, description="of one search; then another starts")
     timeout: float = Field(0.2, gt=0, le=10, description="s without the measured joints after which the limb stops")

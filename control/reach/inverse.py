@@ -1,7 +1,7 @@
 """Postures in which a tool is where it should be: damped least squares from many starts at once.
 
 Source: Nakamura and Hanafusa, Inverse kinematic solutions with singularity robustness for robot manipulator control,
-ASME J. Dyn. Syst. Meas. Control 108, 1986. A start that hasn't come there after `TURNS` is drawn anew.
+ASME J. Dyn. Syst. Meas. Control 108, 1986. A start that hasn't come there after `ITERATIONS` is drawn anew.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from srl.runtime.contracts.signals import Array
 
 STARTS: Final = 8
-TURNS: Final = 40
+ITERATIONS: Final = 40
 NEAR: Final = 5e-4  # m: the tool is there
 _DAMPING: Final = 1e-3  # m^2, joints scaled by their ranges
-_STEP: Final = 0.15  # of a joint's range, the most in a turn
+_STEP: Final = 0.15  # of a joint's range, the most in a step
 Residual = Callable[[Array], tuple[Array, Array]]
 
 
@@ -25,8 +25,7 @@ class Inverse:
     """One search; see the module's text.
 
     Attributes:
-        turns: how often all starts have moved.
-        found: postures (n,), rad or m, that were found since the last call of `take`.
+        iterations: how often all starts have moved.
     """
 
     def __init__(self, residual: Residual, lower: Array, upper: Array, here: Array, seed: int) -> None:
@@ -42,33 +41,31 @@ class Inverse:
         self._x = self._rng.uniform(size=(STARTS, len(lower)))
         self._x[0] = np.clip((here - lower) / self._range, 0.0, 1.0)
         self._ages = np.zeros(STARTS, np.intp)
-        self.turns = 0
-        self.found: list[Array] = []
+        self.iterations = 0
 
-    def take(self) -> list[Array]:
-        """What was found since the last call."""
-        found, self.found = self.found, []
-        return found
-
-    def turn(self) -> None:
-        """All starts go one step."""
-        self.turns += 1
+    def step(self) -> Array:
+        """All starts go one step. Returns the postures (k, n), rad or m, of those that were there before it."""
+        self.iterations += 1
         missing, J = self._residual(self._lower + self._x * self._range)
         there = np.linalg.norm(missing, axis=1) < NEAR
-        for x in self._x[there]:
-            self.found.append(self._lower + x * self._range)
+        found: Array = self._lower + self._x[there] * self._range
         A = J * self._range
-        G = A @ A.transpose(0, 2, 1) + _DAMPING * np.eye(A.shape[1])
-        change = (A.transpose(0, 2, 1) @ np.linalg.solve(G, missing[..., None]))[..., 0]
+        change = _solved(A, missing)
         # A joint at its end that would go on is left out, once.
         stuck = ((self._x <= 0.0) & (change < 0.0)) | ((self._x >= 1.0) & (change > 0.0))
         if stuck.any():
-            A = A * ~stuck[:, None]
-            G = A @ A.transpose(0, 2, 1) + _DAMPING * np.eye(A.shape[1])
-            change = (A.transpose(0, 2, 1) @ np.linalg.solve(G, missing[..., None]))[..., 0]
+            change = _solved(A * ~stuck[:, None], missing)
         change *= np.minimum(1.0, _STEP / np.maximum(np.abs(change).max(axis=1), 1e-12))[:, None]
         self._x = np.clip(self._x + change, 0.0, 1.0)
         self._ages += 1
-        old = there | (self._ages > TURNS)
+        old = there | (self._ages > ITERATIONS)
         self._x[old] = self._rng.uniform(size=(int(old.sum()), self._x.shape[1]))
         self._ages[old] = 0
+        return found
+
+
+def _solved(A: Array, missing: Array) -> Array:
+    """(m, n): damped least squares of A (m, r, n) x = missing (m, r)."""
+    At = A.transpose(0, 2, 1)
+    found: Array = (At @ np.linalg.solve(A @ At + _DAMPING * np.eye(A.shape[1]), missing[..., None]))[..., 0]
+    return found

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.control.reach.connect import Connect, along
+from srl.control.reach.goal_search import GoalSearch
 from srl.control.reach.mode import Mode
 from srl.control.reach.options import ReachConfig
-from srl.control.reach.point_goal import PointGoal
 from srl.control.reach.rest_margin import RestMargin
+from srl.control.skeleton.envelope import jacobian, posture
 from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
@@ -79,7 +80,7 @@ class Reach(Controller):
         self._rest, self._scale = RestMargin(o), o.ranges.dq_max
         self._goal: Array | None = None
         self._old = np.full(3 if self._point else n, np.nan)
-        self._place: PointGoal | None = None  # what is looked for, where a goal is a place
+        self._place: GoalSearch | None = None  # what is looked for, where a goal is a place
         self._wanted: Array | None = None  # the goal that it comes back to
         self._home: Array = np.zeros(n)
         self._back = 0.0  # s for which it still gives way
@@ -104,20 +105,20 @@ class Reach(Controller):
     def update(self, dt: float) -> None:
         q = np.array(self.applied.get("q", self.output["q"]))
         self._rest.see(self.input["rotation"], self.input["translation"], dt)
-        seen = self._rest.known and self._sees_other()
         target = self.input["target"]
         if np.isfinite(target).all() and self._differs(target):
             self._old[:] = target
             self._back, self._place = 0.0, None
             if self._point:
                 self._begin(None)
-                self._place = PointGoal(self.options, target.copy(), self._rest)
+                self._place = self._search_of(target.copy())
             else:
                 self._begin(np.clip(target, self.options.ranges.q_lower, self.options.ranges.q_upper) / self._scale)
+        seen = self._rest.known and self._sees_other()
         if seen and self._place is not None and self._goal is None:
-            found = self._place.look(q)
-            if found is not None:
-                self._begin(found / self._scale)
+            ranges = self.options.ranges
+            if found := self._place.step(q, ranges.q_lower, ranges.q_upper):
+                self._begin(found[0] / self._scale)
         if self._goal is None or not seen:
             self._command(q, np.zeros_like(q), dt)
             nothing = Mode.NO_GOAL if self._place is None else self._place.mode
@@ -126,6 +127,16 @@ class Reach(Controller):
         self._give_way(dt)
         self._towards(q, self._goal, dt)
 
+    def _search_of(self, place: Array) -> GoalSearch:
+        """For postures that put the arm's end at `place`, (3,) m, and in which it could rest."""
+        arms, side = self.options.arms.arms, self.options.arm
+
+        def residual(path: Array) -> tuple[Array, Array]:
+            nodes, axes = posture(arms, side, path)
+            return place - nodes[:, -1], jacobian(arms, nodes, axes)[:, :, -1].transpose(1, 0, 2)
+
+        return GoalSearch(residual, lambda path: self._rest.margins(path) >= 0.0, self._scale)
+
     def _differs(self, target: Array) -> bool:
         """Whether it is another goal. A place that is measured is never the same twice."""
         if self._point:
@@ -133,7 +144,7 @@ class Reach(Controller):
         return not np.array_equal(target, self._old)
 
     def _sees_other(self) -> bool:
-        if not self.options.other:
+        if not self.options.other or (self._goal is None and self._place is None):
             return True
         other = self.input["other"]
         good = bool(np.isfinite(other).all())
@@ -195,10 +206,10 @@ class Reach(Controller):
             self._command(q, np.zeros_like(q), dt)  # beside the other arm it goes no nearer while it looks for a way
         else:  # each joint as fast as the guard lets it
             self.output["q"][:], self.output["q_velocity"][:] = goal * self._scale, 0.0
-        self._again(mode)
+        self._try_another(mode)
         self._tell(Mode.GIVING_WAY if self._back > 0.0 else mode, float(margin[0]), float(margin[1]))
 
-    def _again(self, mode: Mode) -> None:
+    def _try_another(self, mode: Mode) -> None:
         """A place may be reached by another posture, where the arm can't rest in this one."""
         if self._place is not None and mode is Mode.WAITING and self._stuck > self.options.leave_timeout:
             self._begin(None)

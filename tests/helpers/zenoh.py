@@ -105,40 +105,36 @@ def lost(driver: Driver, timeout: float = TIMEOUT) -> str:
     return until(reason, what="the loss", timeout=timeout, pause=0.005)
 
 
+def _refused(driver: Driver) -> str:
+    """Opens it again; why it doesn't open, or ""."""
+    try:
+        driver.close()
+        driver.open()
+    except DeviceError as error:
+        return str(error)
+    return ""
+
+
 def reopened(driver: Driver) -> None:
     """Opens again until it succeeds, as the runtime does."""
-    output = ""
+    why = ""
 
     def is_open() -> bool:
-        nonlocal output
-        try:
-            driver.close()
-            driver.open()
-        except DeviceError as error:
-            output = str(error)
-            return False
-        return True
+        nonlocal why
+        why = _refused(driver)
+        return not why
 
-    until(is_open, what=lambda: f"it opens again; {output}", pause=0.1)
+    until(is_open, what=lambda: f"it opens; {why}", pause=0.1)
 
 
 def refusal(driver: Driver) -> str:
     """Why it doesn't open, once it has a connection: a busy host may not answer in time."""
-    output = ""
 
-    def answered() -> bool:
-        nonlocal output
-        try:
-            driver.close()
-            driver.open()
-        except DeviceError as error:
-            output = str(error)
-            return "no connection" not in output
-        output = "it opened"
-        return True
+    def answered() -> str:
+        why = _refused(driver)
+        return "" if "no connection" in why else why
 
-    until(answered, what=lambda: f"an answer; {output}", pause=0.1)
-    return output
+    return until(answered, what="a refusal", pause=0.1)
 
 
 def certificates(folder: Path, names: Sequence[str], addresses: Sequence[str] = ("127.0.0.1",)) -> dict[str, TlsConfig]:

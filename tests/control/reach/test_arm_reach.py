@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +11,16 @@ import pinocchio as pin
 import pytest
 import yaml
 from helpers.arm_urdf import HIP
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from srl.control.cobot.robot_distances import RobotDistances
 from srl.control.reach.arm_law import ArmReach
-from srl.control.reach.arm_options import ArmReachConfig, ReachDistancesConfig
-from srl.control.reach.inverse import Inverse
+from srl.control.reach.arm_options import ArmReachConfig
 from srl.control.reach.mode import Mode
-from srl.control.reach.static import FLOOR, Way
+from srl.control.reach.static import FLOOR
 from srl.runtime.contracts.errors import OptionError
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.models.robot_model import RobotModel
-from srl.runtime.models.robots import ARMS, PANDA
+from srl.runtime.models.robots import PANDA
 from srl.runtime.models.robots.pinocchio_model import FLANGE, pinocchio_model
 from srl.runtime.profile import profile as profiles
 from srl.runtime.profile.profile import find
@@ -274,20 +270,6 @@ def test_what_was_searched_from_elsewhere_isnt_gone() -> None:
     assert min(oracle(made).margin(q) for q in path) >= -FLOOR / 2
 
 
-def test_no_point_of_a_robot_moves_more_than_its_levers_say() -> None:
-    """Random pairs of near postures: the distance changes by no more than the levers allow, of every shipped arm."""
-    rng = np.random.default_rng(3)
-    so101 = profiles.load("so101")[0].models["arm"].robot
-    for robot in (*ARMS.values(), so101):
-        thing = {"rod": {"position": [0.3, 0.1, 0.3], "radius": 0.02, "length": 0.6}}
-        apart = RobotDistances(robot, None, ReachDistancesConfig.model_validate({"obstacles": thing}))
-        for _ in range(150):
-            q = rng.uniform(np.maximum(robot.q_lower, -3.0), np.minimum(robot.q_upper, 3.0))
-            step = rng.normal(0.0, 0.01, robot.n) * (rng.uniform(size=robot.n) < 0.4)
-            change = abs(apart.margin(q + step) - apart.margin(q))
-            assert change <= np.abs(step) @ apart.levers + 1e-9
-
-
 def test_a_goal_that_moves_nothing_near_is_gone_to_all_the_same() -> None:
     """Of an SO-101 only the gripper's goal changes: little hangs on it."""
     robot = profiles.load("so101")[0].models["arm"].robot
@@ -336,57 +318,6 @@ def test_a_lagging_velocity_arm_comes_there_without_jumps(lag: float) -> None:
         put(made, np.round(q / 0.00153) * 0.00153, command)  # what its encoder resolves
     assert state(made) is Mode.ARRIVED
     assert np.abs(np.diff(commands, axis=0)).max() <= 4 * ACCELERATION * DT
-
-
-@given(st.integers(0, 10_000), st.lists(st.tuples(*[st.floats(-0.8, 0.8)] * 2, st.floats(0.05, 0.4)), max_size=5))
-@settings(max_examples=60, deadline=None)
-def test_a_way_among_discs_is_free_by_a_dense_oracle(seed: int, discs: list[tuple[float, float, float]]) -> None:
-    def margin(point: np.ndarray) -> float:
-        return min((float(np.hypot(point[0] - x, point[1] - y)) - r for x, y, r in discs), default=np.inf)
-
-    start, goal = np.array([-1.5, 0.0]), np.array([1.5, 0.0])
-    way = Way(start, goal, np.full(2, -2.0), np.full(2, 2.0), np.ones(2), seed).look(margin, 60_000)
-    assert way is not None
-    assert (way[0] == start).all()
-    assert (way[-1] == goal).all()
-    dense = [a + t * (b - a) for a, b in pairwise(way) for t in np.linspace(0, 1, 300)]
-    assert min(margin(p) for p in dense) >= -FLOOR / 2 - 1e-9
-
-
-def test_what_has_no_way_is_looked_for_on_and_on() -> None:
-    wall = Way(np.array([-1.0]), np.array([1.0]), np.array([-2.0]), np.array([2.0]), np.ones(1), 0)
-    assert wall.look(lambda point: abs(float(point[0])) - 0.3, 500) is None
-    assert wall.looked == 500
-
-
-@given(st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
-def test_found_postures_put_the_tool_there(seed: int) -> None:
-    """A plane arm of three links, by its own formulae."""
-    lengths = np.array([0.5, 0.4, 0.2])
-    rng = np.random.default_rng(seed)
-
-    def tool(path: np.ndarray) -> np.ndarray:
-        turned = np.cumsum(path, axis=1)
-        return np.stack([(lengths * np.cos(turned)).sum(axis=1), (lengths * np.sin(turned)).sum(axis=1)], axis=1)
-
-    low, high = np.full(3, -2.5), np.full(3, 2.5)
-    goal = tool(rng.uniform(low, high, (1, 3)))[0]
-
-    def residual(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        turned = np.cumsum(path, axis=1)
-        x, y = lengths * np.cos(turned), lengths * np.sin(turned)
-        J = np.stack([-np.cumsum(y[:, ::-1], axis=1)[:, ::-1], np.cumsum(x[:, ::-1], axis=1)[:, ::-1]], axis=1)
-        return goal - tool(path), J
-
-    search = Inverse(residual, low, high, np.zeros(3), seed)
-    found = []
-    while not found and search.turns < 400:
-        search.turn()
-        found = search.take()
-    assert found
-    assert all(np.linalg.norm(tool(q[None])[0] - goal) < 1e-3 for q in found)
-    assert all(((q >= low) & (q <= high)).all() for q in found)
 
 
 PROFILE_LINES: dict[str, Any] = {
