@@ -45,7 +45,7 @@ def study(runner: Runner, folder: Path, numbers: Sequence[int]) -> Part:
     """Holds out each of these people in turn."""
     part = analysed(runner.done([task(n, numbers) for n in numbers], folder / "intention"))
     lines = list(_recordings(numbers))
-    return Part([*part.claims, _real(lines)], [*part.table, *lines], part.files)
+    return Part([*part.claims, *_real(lines)], [*part.table, *lines], part.files)
 
 
 def task(number: int, numbers: Sequence[int], **changed: Any) -> TrialTask:
@@ -114,7 +114,7 @@ def _accuracy(rows: Sequence[Row], unseen: Estimate) -> Claim:
         f"windows {windows} %, rejected {rejected} %; actions {actions} %, another one, too, {another} %; an "
         f"action that was left out of the training is rejected for {unseen} % of its time; measured: windows",
         paper="none; left to future work", measured=windows.mean if rows else None, unit="%",
-        holds=windows.low >= WINDOWS and actions.low >= LEAST,
+        holds=windows.low >= WINDOWS and actions.low > LEAST,
     )  # fmt: skip
 
 
@@ -167,22 +167,26 @@ def recordings() -> Path:
     return Path(os.environ.get("SRL_SHARED", "shared")) / "data" / _RECORDINGS
 
 
-def _real(lines: Sequence[dict[str, Any]]) -> Claim:
+def _real(lines: Sequence[dict[str, Any]]) -> list[Claim]:
+    """The rate that the recordings leave, and whether there was any activation at all."""
+    ids = ("false-activations-recorded", "no-activation-recorded")
     if not lines:
-        return Claim(
-            id="false-activations-recorded",
-            text="real people's recordings: there are none (SRL_SHARED names no folder with data/axis_neuron_bvh)",
-            paper="none", measured=None, unit="1/min", holds=False,
-        )  # fmt: skip
+        text = "real people's recordings: there are none (SRL_SHARED names no folder with data/axis_neuron_bvh)"
+        return [Claim(id=each, text=text, paper="none", measured=None, unit="1/min", holds=False) for each in ids]
     count, minutes = sum(line["activations"] for line in lines), sum(line["minutes"] for line in lines)
     low, high = rate(count, minutes)
-    return Claim(
-        id="false-activations-recorded",
-        text=f"{len(lines)} recordings of real people who do none of the actions on purpose, by a recogniser of "
-        f"simulated ones: no false activation; {count} in {60 * minutes:.0f} s, which leaves {low:.2g} to {high:.2g} "
-        f"a minute (exact 95 % interval)",
-        paper="none", measured=count / minutes, unit="1/min", holds=count == 0,
-    )  # fmt: skip
+    whose = f"{len(lines)} recordings of real people who mean none of the actions, by a recogniser of simulated ones"
+    found = f"{count} in {60 * minutes:.0f} s, exact 95 % interval {low:.2g} to {high:.2g} a minute"
+    below = f"{whose}: below {MOST:g} false activation a minute; {found}; so short a time can't show it"
+    return [
+        Claim(
+            id=ids[0], text=below, paper="none", measured=count / minutes, unit="1/min", holds=high < MOST,
+        ),
+        Claim(
+            id=ids[1], text=f"{whose}: none; {found}", paper="none", measured=float(count), unit="activations",
+            holds=count == 0,
+        ),
+    ]  # fmt: skip
 
 
 def sweep(runner: Runner, folder: Path) -> list[dict[str, Any]]:

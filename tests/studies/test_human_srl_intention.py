@@ -85,10 +85,10 @@ def test_without_rows_nothing_is_measured_and_nothing_holds() -> None:
 def test_recordings_that_are_not_there_are_said_to_be_absent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("SRL_SHARED", str(tmp_path))
     assert not list(intention_claims._recordings(PEOPLE))
-    claim = intention_claims._real([])
-    assert claim.measured is None
-    assert not claim.holds
-    assert "none" in claim.text
+    for claim in intention_claims._real([]):
+        assert claim.measured is None
+        assert not claim.holds
+        assert "none" in claim.text
 
 
 def test_real_recordings_are_read_at_the_recognisers_rate() -> None:
@@ -172,8 +172,10 @@ def test_quick_set_with_the_recordings(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setenv("SRL_SHARED", str(shared("data/axis_neuron_bvh").parents[1]))
     part = intention_claims.claims(Here({"human-srl-intention": trial}), tmp_path, True)  # type: ignore[arg-type]
     ids = [claim.id for claim in part.claims]
-    assert ids == ["intention-accuracy", *(f"false-activations-{kind}" for kind in (*UNRELATED, "recorded"))]
+    kinds = (*UNRELATED, "recorded")
+    assert ids == ["intention-accuracy", *(f"false-activations-{kind}" for kind in kinds), "no-activation-recorded"]
     assert part.claims[0].measured is not None
     assert part.claims[0].measured > 85.0
     assert sum(line["label"].startswith("recorded") for line in part.table) == 3
-    assert not part.claims[-1].holds, "24 s bound nothing"
+    assert not part.claims[-2].holds, "24 s bound nothing"
+    assert part.claims[-1].holds == (part.claims[-1].measured == 0.0)
