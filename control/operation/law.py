@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from srl.control.operation.demonstration import TaskError, TaskPath
+from srl.control.operation.detour import Detour
 from srl.control.operation.options import IndependentOperationConfig
 from srl.control.operation.reach import MOST, Reach
 from srl.control.operation.record import TaskRecord
@@ -36,6 +37,7 @@ class Mode(IntEnum):
     DONE = 4
     TEACHING = 5
     CHECKING = 6
+    AROUND = 7
 
 
 class IndependentOperation(Controller):
@@ -94,6 +96,7 @@ class IndependentOperation(Controller):
         self._shift = np.array(o.shift)
         self._teaching = Teaching(self._worn, o.ranges, o.thresholds, self._shift)
         self._triggers, self._tally = Triggers(), Tally()
+        self._detour = Detour(o, self._worn, o.replay.plan_after) if o.replay.around == "plan" else None
         self._replay = None if o.shown is None else self._task(self._kept(o.shown))
         self._last: Array = np.zeros(n)  # what was applied in the cycle before
         self._running, self._joined = False, False
@@ -136,10 +139,15 @@ class IndependentOperation(Controller):
         self.lost = self._missed > self._options.timeout
         if not good:
             self._fresh, self._running = True, False
+            if self._detour is not None:
+                self._detour.drop()
             self._teaching.drop("the body, a button or the arm's position wasn't there")
             self._command(q, self._brake(before, dt), dt)
             return
-        self._worn.see(self.input["rotation"], self.input["translation"], 0.0 if self._fresh else dt)
+        since = 0.0 if self._fresh else dt
+        self._worn.see(self.input["rotation"], self.input["translation"], since)
+        if self._detour is not None:
+            self._detour.see(self.input["rotation"], self.input["translation"], since)
         self._fresh = False
         self._obey(q, dt)
         if self._running and self._replay is not None:
@@ -147,6 +155,8 @@ class IndependentOperation(Controller):
             v = self._go(self._replay, q, before, obeyed, dt)
         else:
             v = self._brake(before, dt)
+            if self._detour is not None:
+                self._detour.drop()
         self._command(q, v, dt)
         path = self._teaching.check()
         if path is not None:
@@ -199,7 +209,9 @@ class IndependentOperation(Controller):
         measured = self._worn.tip(self.input["position"])[0].copy()
         tip, J = self._worn.tip(q)
         pairs = self._worn.pairs(o.look, o.pairs)
-        v = replay.step(q, before, tip, J, measured, pairs, dt)
+        v = self._around(replay, q, before, tip, measured, dt)
+        if v is None:
+            v = replay.step(q, before, tip, J, measured, pairs, dt)
         error = float(np.linalg.norm(replay.path.at(replay.s)[0] - measured))
         near = float(pairs.distance.min(initial=o.look))
         self._joined = self._joined or replay.error <= o.slow
@@ -217,6 +229,19 @@ class IndependentOperation(Controller):
                 self._joined = False
             else:
                 self._running = False
+        return v
+
+    def _around(self, replay: Replay, q: Array, before: Array, tip: Array, measured: Array, dt: float) -> Array | None:
+        """The velocity (n,) on a way that was planned; None: there is none, or none is needed."""
+        detour = self._detour
+        if detour is None:
+            return None
+        if float(np.linalg.norm(measured - tip)) > self._options.replay.wait:
+            detour.drop()  # something holds the arm
+            return None
+        v = detour.step(q, before, replay, dt)
+        if v is not None:
+            replay.hold(tip)
         return v
 
     def _brake(self, before: Array, dt: float) -> Array:
@@ -249,5 +274,7 @@ class IndependentOperation(Controller):
         if replay is None:
             return Mode.NO_TASK
         if self._running:
+            if self._detour is not None and self._detour.on:
+                return Mode.AROUND
             return Mode.WAITING if self._waits else Mode.GOING
         return Mode.DONE if replay.done else Mode.PAUSED

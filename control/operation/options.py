@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from srl.control.operation import record
 from srl.control.operation.demonstration import Thresholds
 from srl.control.operation.replay import ReplayOptions
-from srl.control.skeleton.ranges import RangeOptions
+from srl.control.reach.options import MarginOptions
 from srl.runtime.contracts.controller import ControllerConfig
 from srl.runtime.contracts.errors import OptionError, nearest
 from srl.runtime.contracts.files import FileOption, KeptFile
@@ -35,8 +35,8 @@ class IntentionOption(Options):
         return self
 
 
-class IndependentOperationConfig(RangeOptions, ControllerConfig):
-    """Options of `independent-operation`."""
+class IndependentOperationConfig(MarginOptions, ControllerConfig):
+    """Options of `independent-operation`. Those of the margin count with `around: plan`."""
 
     renamed: ClassVar[dict[str, str]] = {"patience": "timeout"}
 

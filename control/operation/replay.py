@@ -37,13 +37,13 @@ import numpy as np
 from pydantic import Field
 
 from srl.control.cobot.whole_body_qp import ITERATIONS, Approach, LimitsConfig
-from srl.control.operation.demonstration import TaskPath
+from srl.control.operation.demonstration import PERIOD, TaskPath
 from srl.control.operation.worn import Pairs
 from srl.control.skeleton.ranges import JointRanges
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
-Around = Literal["bend", "wait", "ignore"]
+Around = Literal["bend", "plan", "wait", "ignore"]
 _V: Final = 0.1  # m/s, V of (1): what counts as one
 _A: Final = 0.05  # a
 _B: Final = 1e-3  # b, where the arm isn't singular
@@ -55,8 +55,11 @@ class ReplayOptions(Options):
     """How the path is followed. The defaults are ours."""
 
     around: Around = Field(
-        "bend", description="bend around the body, or wait on the path until it is away; ignore leaves it to the guard"
+        "bend",
+        description="bend around the body; plan: the same, and by a planned way where that leads nowhere; wait on the "
+        "path until it is away; ignore: leave it to the guard",
     )
+    plan_after: float = Field(1.0, gt=0.0, le=60.0, description="s of coming no nearer before `plan` looks for a way")
     keep: float = Field(0.06, ge=0.0, lt=0.5, description="m, d_keep: kept between the shapes of body and arm")
     rate: float = Field(4.0, gt=0.1, le=20.0, description="1/s, g: how fast a distance may shrink, of what is above")
     look: float = Field(0.25, gt=0.0, lt=1.0, description="m: pairs farther apart don't count")
@@ -100,6 +103,21 @@ class Replay:
         """Whether the end of the path is reached, within `slow` and a millimetre."""
         return self.s >= self.path.duration and self.error <= max(self.options.slow, 1e-3)
 
+    @property
+    def place(self) -> Array:
+        """(3,) m, where the commanded tip should be now."""
+        place: Array = self.path.at(self.s)[0] + self._offset
+        return place
+
+    def rest(self, seconds: float) -> TaskPath:
+        """What comes next, as it is commanded: so many seconds of it, or what is left."""
+        times = np.arange(self.s, min(self.s + seconds, self.path.duration) + PERIOD, PERIOD)
+        return TaskPath(np.array([self.path.at(s)[0] for s in times]) + self._offset)
+
+    def hold(self, tip: Array) -> None:
+        """The phase stands in this cycle, and the tip (3,) m goes another way."""
+        self.r, self.blocked, self.error = 0.0, False, float(np.linalg.norm(self.place - tip))
+
     def again(self) -> None:
         """Goes back to the beginning."""
         self.s = self.r = self.error = 0.0
@@ -125,7 +143,7 @@ class Replay:
         """
         o = self.options
         place, velocity = self.path.at(self.s)
-        away = place + self._offset - tip
+        away = self.place - tip
         self.error = float(np.linalg.norm(away))
         c = o.gain * away
         if (size := float(np.linalg.norm(c))) > o.catch_up:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from srl.control.reach.inverse import Inverse, Residual
 from srl.control.reach.mode import Mode
+from srl.control.skeleton.envelope import jacobian, posture
 from srl.runtime.contracts.signals import Array
+from srl.runtime.models.skeleton.arms import Arms, Side
 
 _ENOUGH: Final = 4  # postures among which the nearest is taken
 _LONG: Final = 60  # iterations after which one is enough
@@ -59,3 +61,15 @@ class GoalSearch:
         if iterations >= _GIVE_UP:
             self._search, self.mode = None, Mode.WAITING if self._reached else Mode.UNREACHABLE
         return []
+
+
+def search_of_point(
+    arms: Arms, side: Side, place: Array, free: Callable[[Array], NDArray[np.bool_]], speed: Array
+) -> GoalSearch:
+    """For postures that put a worn arm's end at `place`, (3,) m in the frame of the node that carries the arms."""
+
+    def residual(path: Array) -> tuple[Array, Array]:
+        nodes, axes = posture(arms, side, path)
+        return place - nodes[:, -1], jacobian(arms, nodes, axes)[:, :, -1].transpose(1, 0, 2)
+
+    return GoalSearch(residual, free, speed)

@@ -8,18 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.control.reach.connect import Connect, along
-from srl.control.reach.goal_search import GoalSearch
+from srl.control.reach.goal_search import GoalSearch, search_of_point
 from srl.control.reach.mode import Mode
 from srl.control.reach.options import ReachConfig
 from srl.control.reach.rest_margin import RestMargin
-from srl.control.skeleton.envelope import jacobian, posture
+from srl.control.reach.waypoints import AHEAD, NEAR, Waypoints
 from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
 
-NEAR: Final = 1e-3  # of a second's way: the goal is reached
-_AHEAD: Final = 16  # points of the way that are looked at in a cycle
-_BRAKES: Final = 0.6  # of the acceleration, towards a goal
 _KEPT: Final = 0.03  # m of margin on the way, where the goal has as much: what is lost while the arm moves
 _OUT: Final = 0.04  # m of margin up to which a posture is left
 _PACE: Final = 0.5  # of the greatest speed, on the way out
@@ -84,7 +81,7 @@ class Reach(Controller):
         self._wanted: Array | None = None  # the goal that it comes back to
         self._home: Array = np.zeros(n)
         self._back = 0.0  # s for which it still gives way
-        self._way: list[Array] = []  # scaled points that are still to be passed; the goal is the last
+        self._way: Waypoints | None = None
         self._search: Connect | None = None
         self._kept = 0.0  # m of margin on the way
         # s of the way left where a span began, how long that is, and for how long the arm hasn't come nearer
@@ -130,12 +127,7 @@ class Reach(Controller):
     def _search_of(self, place: Array) -> GoalSearch:
         """For postures that put the arm's end at `place`, (3,) m, and in which it could rest."""
         arms, side = self.options.arms.arms, self.options.arm
-
-        def residual(path: Array) -> tuple[Array, Array]:
-            nodes, axes = posture(arms, side, path)
-            return place - nodes[:, -1], jacobian(arms, nodes, axes)[:, :, -1].transpose(1, 0, 2)
-
-        return GoalSearch(residual, lambda path: self._rest.margins(path) >= 0.0, self._scale)
+        return search_of_point(arms, side, place, lambda path: self._rest.margins(path) >= 0.0, self._scale)
 
     def _differs(self, target: Array) -> bool:
         """Whether it is another goal. A place that is measured is never the same twice."""
@@ -167,7 +159,7 @@ class Reach(Controller):
             self._back = _GIVES
 
     def _begin(self, goal: Array | None) -> None:
-        self._goal, self._way, self._search = goal, [], None
+        self._goal, self._way, self._search = goal, None, None
         self._left, self._span, self._stuck = np.inf, 0.0, 0.0
 
     # -- all below in seconds of the way: positions over the joints' greatest speeds
@@ -181,17 +173,19 @@ class Reach(Controller):
             self._tell(Mode.ARRIVED)
             return
         straight = along(here, goal)
-        some = straight[np.unique(np.linspace(0, len(straight) - 1, _AHEAD).round().astype(int))]
+        some = straight[np.unique(np.linspace(0, len(straight) - 1, AHEAD).round().astype(int))]
         margin = self._rest.margins(np.vstack([here, goal, some]) * self._scale)
         rests, self._kept = bool(margin[1] >= 0.0), min(_KEPT, float(margin[1]))
         open_ = rests and bool((margin[2:] >= self._kept).all())
         self._comes(left, dt)
         mode = Mode.DIRECT
-        if self._way and not self._free(along(here, self._way[0])[:_AHEAD]).all():
-            self._way = []
-        if not self._way and self._stuck > 0.0:
+        if self._way is not None and not self._way.free(here):
+            self._way = None
+        if self._way is None and self._stuck > 0.0:
             if open_:
-                self._way = [goal]  # all joints together: each by itself they go another way than the straight one
+                self._way = self._along(
+                    [goal]
+                )  # all joints together: each by itself they go another way than the straight one
             elif margin[0] < max(self._kept, 0.0):
                 self._search = None
                 mode = Mode.LEAVING if self._stuck > self.options.leave_timeout else mode
@@ -199,9 +193,9 @@ class Reach(Controller):
                 mode = self._around(here, goal) if rests else Mode.WAITING
         if mode is Mode.LEAVING:
             self._command(q, self._out(q) * self._scale, dt)
-        elif self._way:
+        elif self._way is not None:
             mode = Mode.AROUND
-            self._command(q, self._speed(here, self._next(here)) * self._scale, dt)
+            self._command(q, self._way.speed(here) * self._scale, dt)
         elif self.options.other and self._search is not None:
             self._command(q, np.zeros_like(q), dt)  # beside the other arm it goes no nearer while it looks for a way
         else:  # each joint as fast as the guard lets it
@@ -231,7 +225,7 @@ class Reach(Controller):
         for _ in range(o.iterations):
             path = self._search.grow()
             if path is not None:
-                self._way, self._search = list(path[1:]), None
+                self._way, self._search = self._along(list(path[1:])), None
                 return Mode.AROUND
         return Mode.WAITING
 
@@ -239,23 +233,8 @@ class Reach(Controller):
         found: NDArray[np.bool_] = self._rest.margins(points * self._scale) >= self._kept
         return found
 
-    def _next(self, here: Array) -> Array:
-        """The next point of the way; the one after it where the arm is there, or sees it."""
-        while len(self._way) > 1:
-            near = float(np.abs(self._way[0] - here).max()) < 10 * NEAR
-            if not near and not self._free(along(here, self._way[1])[: 2 * _AHEAD]).all():
-                break
-            self._way.pop(0)
-        return self._way[0]
-
-    def _speed(self, here: Array, end: Array) -> Array:
-        """(n,): straight to `end`, as fast as the slowest joint can, braking before it."""
-        left = end - here
-        far = np.abs(left)
-        a = _BRAKES * self.options.ranges.ddq_max / self._scale
-        most = np.minimum(1.0, np.sqrt(2.0 * a * far) + 1e-9)
-        slowest = float((far / most).max())
-        return left / max(slowest, 1e-9)
+    def _along(self, points: list[Array]) -> Waypoints:
+        return Waypoints(points, self._free, self.options.ranges.ddq_max / self._scale)
 
     def _out(self, q: Array) -> Array:
         way = self._rest.outward(q, _OUT) * self._scale

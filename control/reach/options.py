@@ -20,9 +20,6 @@ class MarginOptions(RangeOptions):
         0.1, gt=0, le=1, description="s in which an arm that hardly moves stands still: latency, lag and two periods"
     )
     body_acceleration: float = Field(1.0, ge=0.5, le=10, description="factor on the segments' a_e, as the clearance's")
-    other: bool = Field(
-        False, description="input `other`: the joints of the wearer's other arm, which is kept clear of"
-    )
     span: float = Field(0.05, ge=0.01, lt=0.5, description="s, over which a segment's velocity is a mean")
 
 
@@ -31,6 +28,9 @@ class ReachConfig(MarginOptions, ControllerConfig):
 
     target: Literal["joints", "point"] = Field(
         "joints", description="a goal of the joints, or a place of the arm's end"
+    )
+    other: bool = Field(
+        False, description="input `other`: the joints of the wearer's other arm, which is kept clear of"
     )
     give_way: float | None = Field(
         None, gt=0, le=60, description="s of not coming nearer before it goes back for the other arm; null: never"

@@ -15,8 +15,10 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from srl.control.operation.demonstration import PERIOD, TaskPath
+from srl.control.operation.detour import Detour
 from srl.control.operation.replay import Replay, ReplayOptions
 from srl.control.operation.worn import Worn
+from srl.control.reach.options import MarginOptions
 from srl.control.skeleton.human import human
 from srl.control.skeleton.human_srl import HumanSrl
 from srl.control.skeleton.options import EnvelopeOptions
@@ -123,8 +125,8 @@ def run(text: str, who: Wearer, case: Case, seed: int) -> Trial:
     applied, measured = REST.copy(), REST.copy()
     guard = setting.guard(applied, measured, clearance if case.guarded else None)
     suit = Suit(setting.frame, setting.delay, np.random.default_rng([seed, 2]))
-    law = _law(text, setting, seed, case)
     worn = Worn(options.figure, options.arm, options.envelope)
+    law, detour = _law(text, setting, seed, case, worn)
     worn.see(pose, translation, 0.0)
     servos, stamp, last, frame, blocked = deque([REST.copy()] * round(setting.lag / dt)), NEVER, REST.copy(), pose, 0
     made = Trial()
@@ -136,23 +138,30 @@ def run(text: str, who: Wearer, case: Case, seed: int) -> Trial:
             stamp, frame = now, newest
             clearance.input["rotation"][:] = frame
         worn.see(frame, translation, dt)
+        if detour is not None:
+            detour.see(frame, translation, dt)
         seen = worn.tip(measured)[0].copy()
         tip, J = worn.tip(applied)
         phase, near = law.s, worn.pairs(law.options.look, law.options.pairs)
-        v = law.step(applied.copy(), (applied - last) / dt, tip, J, seen, near, dt)
+        before = (applied - last) / dt
+        v = None if detour is None else detour.step(applied.copy(), before, law, dt)
+        if v is None:
+            v = law.step(applied.copy(), before, tip, J, seen, near, dt)
+        else:
+            law.hold(tip)
         last = applied.copy()
         blocked += law.blocked
         if guard.verified is not None:
             guard.verified.begin(now, {"rotation": stamp, "translation": stamp}, 0.0)
         guard.step(applied + v * dt, v, dt)
-        before = measured.copy()
+        old = measured.copy()
         servos.append(applied.copy())
         measured[:] = servos.popleft()
         if made.errors or law.s > 0.0:
             made.errors.append(float(np.linalg.norm(law.path.at(law.s)[0] - worn.tip(measured)[0])))
             made.progress.append(law.s - phase)
             made.seconds += dt
-        contacts.step(pose, translation, before, measured, dt)
+        contacts.step(pose, translation, old, measured, dt)
         if law.done:
             made.done = True
             break
@@ -160,14 +169,18 @@ def run(text: str, who: Wearer, case: Case, seed: int) -> Trial:
     return made
 
 
-def _law(text: str, setting: Setting, seed: int, case: Case) -> Replay:
-    """The replay with the profile's options and those of the case."""
+def _law(text: str, setting: Setting, seed: int, case: Case, worn: Worn) -> tuple[Replay, Detour | None]:
+    """The replay with the profile's options and those of the case, and its planned ways."""
     entries = YAML(typ="safe", pure=True).load(text)["controllers"]
     (entry,) = (one for one in entries if one["use"] == "independent-operation")
     names = ("lower", "upper", "velocity", "acceleration", "posture")
     limits = [np.array([entry[name][label] for label in setting.labels]) for name in names]
     options = ReplayOptions.model_validate({**entry.get("replay", {}), **case.replay})
-    return Replay(path(seed, setting.arms.base), JointRanges(*limits), options)
+    replay = Replay(path(seed, setting.arms.base), JointRanges(*limits), options)
+    if options.around != "plan":
+        return replay, None
+    given = {name: entry[name] for name in MarginOptions.model_fields if name in entry}
+    return replay, Detour(MarginOptions(**{**given, "arms": setting.arms}), worn, options.plan_after)
 
 
 def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:

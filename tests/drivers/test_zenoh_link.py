@@ -78,7 +78,7 @@ def published(link: Link, payload: bytes, lasts: float) -> None:
 
 def test_a_command_and_the_stop_that_follows(door: ZenohDoor) -> None:
     link = opened(door)
-    published(link, b"go", 0.1)
+    published(link, b"go", 1.0)  # long enough for a machine that is held up
     payloads = [arrival.payload for arrival in taken(door, 21)]
     assert payloads == [b"go"] + [b"stop"] * 20
     time.sleep(0.2)  # in which nothing more may come
