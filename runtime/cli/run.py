@@ -12,13 +12,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from srl.runtime.cli import add_command, wearer
+from srl.runtime.cli import add_command, on_twins
 from srl.runtime.cli.check import check_certificates, check_guards
 from srl.runtime.cli.console import Console
 from srl.runtime.cli.status import Status
 from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.files import encoded
+from srl.runtime.contracts.registry import names
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.events import Level
 from srl.runtime.ipc.header import Cause
@@ -45,6 +46,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = add_command(subparsers, "run", "srl run sixth-finger --sim --duration 20 --record hand.rrd")
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="simulate these devices; without a name, all")
+    on_twins.add_option(parser)
     parser.add_argument("--fast", action="store_true", help="simulated time as fast as it goes (all devices simulated)")
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds of the loop's time")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="record every cycle")
@@ -68,14 +70,16 @@ def run(args: argparse.Namespace) -> int:
     with EndSignals() as signals:
         status = Status(Console(sys.stderr), quiet=args.json)
         try:
-            return _run(args, signals, status)
+            on_twins.check(args)
+            status.wait(f"{args.profile}: its parts are put together")
+            with on_twins.twins(args.profile, args.twin, args.set, args.wearer, status.line) as ports:
+                return _run(args, on_twins.overrides(args, ports), signals, status)
         finally:
             status.clear()
 
 
-def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
-    status.wait(f"{args.profile}: its parts are put together")
-    checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
+def _run(args: argparse.Namespace, overrides: list[str], signals: EndSignals, status: Status) -> int:
+    checked, source = profile.load(args.profile, overrides)
     graph = wiring.build(checked, source, args.sim)
     check_guards(graph)
     check_certificates(graph)
@@ -85,7 +89,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     state = state_dir(name)
-    automatic, advice = arming.automatic(graph, args.confirm)
+    automatic, advice = arming.automatic(graph, args.confirm or args.twin is not None)
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
@@ -94,7 +98,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
     well = False
     try:
         # Only what stopped a real limb outlives its run.
-        if any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators):
+        if any(_real(graph.devices[a.device].name, graph, args.twin) for a in graph.actuators):
             latched = PersistentLatches(state, status.line)
         record = args.record
         if args.figure is not None and record is None:
@@ -124,6 +128,15 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
             latched.close(well or not ran)  # before the first cycle nothing has moved
         where.release()
     return code
+
+
+def _real(device: str, graph: Graph, twins: list[str] | None) -> bool:
+    """Whether a device is neither simulated nor one of the twins."""
+    if twins is not None and (
+        device in twins or (not twins and graph.profile.devices[device].driver in names("twins"))
+    ):
+        return False
+    return device not in graph.simulated
 
 
 def _supervise(
@@ -225,8 +238,8 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
             f"real devices keep their own time: {', '.join(real)}",
             "Leave --fast out, or simulate all with --sim",
         )
-    if args.wearer and args.sim is None:
-        raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim")
+    if args.wearer and args.sim is None and args.twin is None:
+        raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim, or --twin")
     if args.person is not None and args.record is None:
         raise RequestError("--person", "nothing is recorded that could say it", "Add --record FILE.rrd")
     if args.person is not None and not re.fullmatch(ANONYMOUS, args.person):

@@ -21,6 +21,7 @@ from srl.runtime.cli import add_command, wearer
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
 from srl.runtime.contracts.world import Fake, Twin, World
+from srl.runtime.ipc.child import PARENT, end_with_parent
 from srl.runtime.loop.clock import MonotonicClock
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
@@ -49,7 +50,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serves until the duration is over or a signal arrives."""
+    """Serves until the duration is over or a signal arrives; with `srl run --twin`, until that is gone."""
+    if PARENT in os.environ:
+        end_with_parent(signal.SIGTERM)
     _check_arguments(args)
     checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, [])

@@ -1,0 +1,109 @@
+"""`--twin`: the devices' twins run beside, and the unchanged drivers talk to them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import IO
+
+from srl.runtime.cli import wearer
+from srl.runtime.contracts.errors import RequestError
+from srl.runtime.ipc.child import PARENT
+from srl.runtime.profile import profile
+
+_END = 10.0  # s that they may take to end
+
+
+def add_option(parser: argparse.ArgumentParser) -> None:
+    """Adds `--twin` to a command."""
+    parser.add_argument(
+        "--twin", nargs="*", metavar="DEVICE",
+        help="the real drivers, on simulated devices that speak the wire protocol; without a name, all that have one",
+    )  # fmt: skip
+
+
+@contextmanager
+def twins(
+    name: str, devices: Sequence[str] | None, given: Sequence[str], recording: str | None, say: Callable[[str], None]
+) -> Iterator[list[str]]:
+    """Serves the twins meanwhile, in a process of their own.
+
+    Args:
+        name: the profile's.
+        devices: those named; none: all that have a twin; None: there are no twins.
+        given: the user's overrides.
+        recording: that the simulated person repeats.
+        say: takes what the twins say meanwhile, line by line.
+    Yields:
+        The overrides with which the profile's drivers talk to them.
+    Raises:
+        RequestError: they don't start.
+    """
+    if devices is None:
+        yield list(given)
+        return
+    command = [sys.executable, "-m", "srl", "twin", name, *devices, "--json"]
+    for override in given:
+        command += ["--set", override]
+    if recording is not None:
+        command += ["--wearer", recording]
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True, env={**os.environ, PARENT: str(os.getpid())},  # Ctrl-C ends the run, and it ends them
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stderr is not None
+    try:
+        first = process.stdout.readline()
+        if not first:
+            raise RequestError("--twin", _why(process.stderr.read()), "Correct that; `srl twin` starts them alone")
+        threading.Thread(target=_pass_on, args=(process.stderr, say), daemon=True).start()
+        threading.Thread(target=process.stdout.read, daemon=True).start()
+        ports = [f"devices.{device}.port={address}" for device, address in json.loads(first)["twins"].items()]
+        yield [*_start(name, given), *given, *ports]
+    finally:
+        process.terminate()
+        try:
+            process.wait(_END)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _start(name: str, given: Sequence[str]) -> list[str]:
+    """As where all is simulated: nobody wears the limb."""
+    sim = profile.load(name, given)[0].sim
+    return [] if sim is None or sim.start is None else [f"start={sim.start}"]
+
+
+def _why(text: str) -> str:
+    lines = [line for line in text.splitlines() if line.strip()]
+    return lines[-1].removeprefix("srl: ").removeprefix("srl twin: ") if lines else "the twins ended without a word"
+
+
+def _pass_on(lines: IO[str], say: Callable[[str], None]) -> None:
+    for line in lines:
+        if line.startswith("srl twin:"):  # what the profile warns of, the run says itself
+            say(line.removeprefix("srl ").rstrip())
+
+
+def check(args: argparse.Namespace) -> None:
+    """Raises RequestError: another option contradicts `--twin`."""
+    if args.twin is None:
+        return
+    if args.sim is not None:
+        problem = "a device is on its twin or simulated inside the loop, and both would have a world of their own"
+        raise RequestError("--twin", problem, "Leave --sim out")
+    if args.fast:
+        raise RequestError("--fast", "the twins keep real time", "Leave --fast out, or simulate all with --sim")
+
+
+def overrides(args: argparse.Namespace, ports: Sequence[str]) -> list[str]:
+    """The overrides of a run: on twins, `ports`; else those of the user and the wearer's recording."""
+    return list(ports) if args.twin is not None else wearer.overrides(args.profile, ports, args.wearer)

@@ -1,0 +1,70 @@
+"""`srl run --twin`: the real drivers on the devices' twins, by one command."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.run import Running, alive, call, refused
+from helpers.wait import until
+
+from srl.recordings import read
+from srl.runtime.ipc.header import State
+
+
+def twins_of(pid: int) -> list[int]:
+    """Processes below this one that serve twins."""
+    below: dict[int, list[int]] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            words = (folder / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"twin" in words:
+            below.setdefault(parent, []).append(int(folder.name))
+    return below.get(pid, [])
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--sim"], "a world of their own"),
+        (["--fast"], "the twins keep real time"),
+    ],
+)
+def test_what_contradicts_twins_is_refused(more: list[str], words: str) -> None:
+    assert words in refused("run", "servo-jog", "--twin", *more)
+
+
+@pytest.mark.slow
+def test_a_device_that_isnt_there_is_named_with_those_that_are() -> None:
+    said = refused("run", "servo-jog", "--twin", "thumb")
+    assert "no device 'thumb'" in said
+    assert "finger" in said
+
+
+@pytest.mark.slow
+def test_the_servo_on_the_wire_moves_and_the_recording_replays(tmp_path: Path) -> None:
+    call(
+        tmp_path, "run", "servo-jog", "--twin", "--set", "motion=cycle", "--duration", "4", "--record", "run.rrd",
+    )  # fmt: skip
+    recording = read(tmp_path / "run.rrd")
+    measured, sent = recording.value("finger.position"), recording.value("finger.position_command.sent")
+    assert float(np.ptp(measured[:, 0])) > 0.3
+    assert float(np.nanmax(np.abs(measured - sent))) > 1e-3  # the servo lags: it isn't an echo
+    assert not list((tmp_path / "state").rglob("latches.json"))
+    assert "identical" in call(tmp_path, "replay", "run.rrd").stdout
+
+
+@pytest.mark.slow
+def test_the_users_own_start_counts_and_the_twins_end_with_the_run(tmp_path: Path) -> None:
+    with Running(tmp_path, "sixth-finger", "--twin", "--set", "start=manual", instance="sixth-finger") as run:
+        run.started()
+        run.until(lambda: run.header("state") == State.READY, "that it waits for its start")
+        (twin,) = twins_of(run.process.pid)
+        os.kill(run.process.pid, signal.SIGKILL)
+        until(lambda: not alive(twin), what="the end of the twins")
