@@ -33,11 +33,34 @@ suppress_warnings = ["myst.header"]  # a page may leave out a level of headings
 html_theme = "furo"
 html_title = f"srl {version}"
 html_copy_source = False
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
+highlight_language = "none"  # a block without a language is what a terminal shows
 default_role = "code"  # docstrings put code between single backticks
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+
+
+# The side bar. Each page of docs/ is in one of them (tests/test_docs.py).
+GROUPS = {
+    "Start": ["install", "half-hour", "so101", "profiles", "compared"],
+    "Safety": ["safety", "guard", "collision"],
+    "Worn limbs": ["worn-arm", "skeleton", "independent-operation", "intention", "ikns-finger", "strap-base"],
+    "Control laws": ["object-mapping", "ikns", "super-man", "arm-laws", "whole-body-qp", "compiled"],
+    "Set up and calibrate": [
+        "calibrate", "calibrate-glove", "calibrate-servos", "calibrate-suit", "calibrate-emg", "calibrate-frames", "jog",
+        "capture-systems", "arm-angles", "frames",
+    ],
+    "Simulate": ["simulation", "twins", "robots", "simulated-person"],
+    "See and record": ["panel", "picture", "recordings", "participant-screen", "foxglove", "lsl"],
+    "Other programs": ["bus", "ros2"],
+    "Run as a service": ["deployment"],
+    "Extend and test": ["extending", "extending-calibration", "testing"],
+    "Studies": ["user-studies"],
+    "How it is built": ["architecture", "dependencies"],
+}  # fmt: skip
 
 
 def _contents(caption: str, pages: list[str]) -> str:
@@ -47,11 +70,13 @@ def _contents(caption: str, pages: list[str]) -> str:
 def add_contents(_: Sphinx, document: str, content: list[str]) -> None:
     """Adds what the site's side bar needs, which would only disturb whoever reads the page in the checkout."""
     if document == "README":
-        pages = sorted(f"docs/{page.stem}" for page in (ROOT / "docs").glob("*.md"))
-        content[0] += _contents("Pages", pages)
-        content[0] += _contents(
-            "More", ["docs/devices/README", "docs/studies/README", "docs/api", "docs/decisions/README"]
-        )
+        more = {
+            "Start": ["docs/devices/README"],
+            "Studies": ["docs/studies/README"],
+            "How it is built": ["docs/api", "docs/decisions/README"],
+        }
+        for caption, pages in GROUPS.items():
+            content[0] += _contents(caption, [*(f"docs/{page}" for page in pages), *more.get(caption, [])])
         content[0] += _contents("Project", ["CHANGELOG", "CONTRIBUTING"])
     elif document.endswith("/README"):
         others = sorted(page.stem for page in (ROOT / document).parent.glob("*.md") if page.stem != "README")

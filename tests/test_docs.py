@@ -323,3 +323,13 @@ def test_the_guards_page_has_each_commands_period() -> None:
             kinds, period = table[driver_name]
             assert ("effort" if driver_name == "dynamixel" and command.kind == "torque" else command.kind) in kinds
             assert f"{command.period:g}" in period, f"{driver_name}: {command.period} is not in '{period}'"
+
+
+def test_each_page_is_in_the_sites_side_bar_once():
+    spec = importlib.util.spec_from_file_location("docs_conf", ROOT / "docs" / "conf.py")
+    assert spec is not None
+    assert spec.loader is not None
+    conf = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(conf)
+    listed = [page for pages in conf.GROUPS.values() for page in pages]
+    assert sorted(listed) == sorted(page.stem for page in (ROOT / "docs").glob("*.md"))

@@ -16,6 +16,7 @@ class MarginOptions(RangeOptions):
 
     least: float = Field(0.02, ge=0.005, lt=1, description="m, always kept; as the clearance's, or more")
     uncertainty: float = Field(0.02, ge=0, lt=1, description="m, of body and arm together")
+    noise: float = Field(0.0, ge=0, lt=1, description="m, by which errors may change within `span`; as the clearance's")
     horizon: float = Field(
         0.1, gt=0, le=1, description="s in which an arm that hardly moves stands still: latency, lag and two periods"
     )

@@ -23,6 +23,8 @@ from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Array, Command, Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
 
+_FASTER = 0.05  # m/s: what errors may do unsaid
+
 
 class Seen(NamedTuple):
     """What is seen of k pairs in m samples.
@@ -46,6 +48,10 @@ class BodyClearanceConfig(EnvelopeOptions, ClearanceConfig):
     uncertainty: float = Field(
         ge=0, lt=1, description="m, Z_d, by which a segment may be beside where the suit has it; 0.05 for 5 degrees"
     )
+    noise: float | None = Field(
+        None, ge=0, lt=1, description="m, by which the error of a segment's place may change within some samples; "
+        "null: 2 * uncertainty",
+    )  # fmt: skip
     latency: float = Field(0.04, ge=0, lt=1, description="s, from a pose to its sample's stamp")
     acceleration: float = Field(1.0, ge=0.5, le=10, description="factor on the segments' a_e")
     span: float = Field(0.05, ge=0.01, lt=0.5, description="s, over which a segment's velocity is a mean")
@@ -104,6 +110,7 @@ class BodyClearance(Clearance):
         self.creep = options.creep
         self._radii = envelope.radii[self._segments] + envelope.link_radius
         self._a_e = options.acceleration * envelope.acceleration[self._segments]
+        self._noise = 2.0 * options.uncertainty if options.noise is None else options.noise
         self._needed = Separation(self._a_e, options.least, options.uncertainty + options.beside[self._links])
         self._motion = BodyMotion(config.figure, envelope.ends, options.span)
         self._joints = JointAge(config.figure, envelope.ends, options.repeat)
@@ -186,11 +193,14 @@ class BodyClearance(Clearance):
         joints.take(stamp, rotation, stamp - round(motion.window * 1e9) if known else stamp)
         if known:
             fresh = joints.fresh
-            self._ends[fresh], self._velocity[fresh] = motion.ends[fresh], motion.velocity[fresh]
-            self._window[fresh] = motion.window
-            self._pace[fresh] = np.linalg.norm(motion.velocity[fresh], axis=-1)
-            # A point's velocity is within this of its mean.
-            self._swing[:] = self._a_e.T * (self._window[self._segments] / 2)
+            self._ends[fresh] = motion.ends[fresh]
+            # While a joint repeats itself its segment goes on as before: nobody knows that it stands still.
+            moved = fresh & (joints.moved | np.isinf(self._window))
+            self._velocity[moved], self._window[moved] = motion.velocity[moved], motion.window
+            self._pace[moved] = np.linalg.norm(motion.velocity[moved], axis=-1)
+            # A point's velocity is within this of its mean, and the mean of two errors is in it.
+            window = self._window[self._segments]
+            self._swing[:] = self._a_e.T * (window / 2) + self._noise / window
             self._seen_at = np.where(fresh, stamp, np.minimum(self._seen_at, joints.oldest))
 
     def clear(self, motion: Braking) -> bool:
@@ -305,9 +315,12 @@ class BodyClearance(Clearance):
         return f"{self._worst} is {self._distance:.3f} m apart, {-self.margin:.3f} m less than needed"
 
     def remarks(self) -> list[str]:
-        return self._envelope.remarks() + [
-            f"compared with the arm of {other.place}: {len(other)} pairs of links" for other in self._others
-        ]
+        faster = self._noise / self.options.span
+        unknown = faster > _FASTER and self.options.noise is None
+        return (
+            self._envelope.remarks()
+            + [f"`noise` isn't declared: each segment may come {faster:.2g} m/s faster than it is seen"] * unknown
+        ) + [f"compared with the arm of {other.place}: {len(other)} pairs of links" for other in self._others]
 
     def _unusable(self, problem: str) -> bool:
         self._problem = problem

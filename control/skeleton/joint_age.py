@@ -23,6 +23,7 @@ class JointAge:
 
     Attributes:
         fresh: (s,) whether the segment's joints have changed, as long as a velocity is a mean.
+        moved: (s,) whether they have all changed in the newest sample: a repeated one says nothing of a velocity.
         oldest: (s,) ns, the oldest last change of the joints that move the segment.
     """
 
@@ -42,6 +43,7 @@ class JointAge:
         self._changed = np.zeros(k, np.int64)  # ns
         self._broken = np.full(k, -1, np.int64)  # ns, when it wasn't new last
         self.fresh: NDArray[np.bool_] = np.zeros(len(ends), np.bool_)
+        self.moved: NDArray[np.bool_] = np.zeros(len(ends), np.bool_)
         self.oldest = np.full(len(ends), LATEST)
 
     def take(self, stamp: int, rotation: Array, first: int) -> None:
@@ -61,6 +63,7 @@ class JointAge:
         self._broken[stamp - self._changed > self._repeat] = stamp
         counts = self._by & (self._changes >= MOVES)
         self.fresh = ~np.any(counts & (self._broken >= first), axis=1)
+        self.moved = ~np.any(counts & ~changed, axis=1)
         self.oldest = np.where(counts, self._changed, LATEST).min(axis=1)
 
     def name(self, segment: int) -> str:

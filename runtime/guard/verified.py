@@ -154,10 +154,14 @@ class VerifiedStop:
         past = self._past
         now = past[-1][0] + dt if past else 0.0
         past.append((now, applied))
-        while len(past) > 1 and now - past[1][0] > self.lag + min(self.age, OLDEST):
-            past.popleft()  # the last one before the span belongs to it
+        compared = self.lag + min(self.age, OLDEST)
+        kept = max(compared, self.lag + self.timeout if self.clearance.watched else 0.0)
+        while len(past) > 1 and now - past[1][0] > kept:
+            past.popleft()
         if measured is not None:
-            values = np.array([each for _, each in past])
+            # The last one before the span belongs to it.
+            first = max((i for i, (t, _) in enumerate(past) if now - t > compared), default=0)
+            values = np.array([each for _, each in past][first:])
             beside = np.array(measured) - np.clip(measured, values.min(axis=0), values.max(axis=0))
             np.maximum(np.abs(beside), self._tracking, out=self._slack)
             self._beside[:] = np.where(np.abs(beside) > self._tracking, beside, 0.0)
@@ -171,7 +175,7 @@ class VerifiedStop:
 
         Args:
             states: what is applied, from which the limb may stop; for a velocity, with the positions at which it does.
-            before: (k, n) rad or m, where else it may be. None: where it was commanded within the lag.
+            before: (k, n) rad or m, where else it may be. None: where it was commanded within the lag and `timeout`.
         """
         clearance = self.clearance
         if not clearance.watched:

@@ -149,7 +149,7 @@ def _changes() -> Iterator[tuple[str, dict[str, Any]]]:
     yield "the person twice as quick", {"pace": 2.0}
     yield "servos 60 ms late (30), told", {"lag": 0.06}
     yield "servos without lag", {"lag": 0.0}
-    yield "suit may be off by 0.05 m, told", {"clear": {"uncertainty": 0.05}}
+    yield "suit may be off by 0.05 m all the time, declared", {"clear": {"uncertainty": 0.05, "noise": 0.0}}
     yield "body accelerates half as fast", {"clear": {"acceleration": 0.5}}
     yield "arm's base as in human-srl", {"base": [-0.15, 0.05, 0.35]}
     yield "arm's base as the standard one", {"base": list(STANDARD)}

@@ -35,7 +35,11 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
     yield "attacks", "radii assumed 0.6 of the table", {"assumed": 0.6}
     for degrees in (10.0, 20.0):
         yield "attacks", f"suit off by {degrees:g} degrees rms in each joint, not told", {"bias": degrees}
-    yield "attacks", "the same, uncertainty 0.1 m told", {"bias": 20.0, "clear": {"uncertainty": 0.1}}
+    for degrees, most in ((10.0, 0.05), (20.0, 0.1)):  # a bias doesn't change, so it isn't noise
+        words = f"suit off by {degrees:g} degrees rms, uncertainty {most:g} m declared"
+        yield "attacks", words, {"bias": degrees, "clear": {"uncertainty": most, "noise": 0.0}}
+    noise = {"uncertainty": 0.01, "noise": 0.015}
+    yield "attacks", "the suit's own noise declared: 0.01 m, 0.015 m in 0.05 s", {"clear": noise}
     yield "attacks", "trunk sways by 20 degrees", {"sway": 20.0}
     yield "attacks", "wearer marches, thighs to 50 degrees", {"march": 50.0}
     yield "attacks", "wearer marches, no clearance", {"march": 50.0, "guarded": False}
@@ -48,7 +52,7 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "a_H", f"a_e x {factor:g} told", {"clear": {"acceleration": factor}}
     for least in (0.005, 0.05):
         yield "C", f"C {least:g} m", {"clear": {"least": least}}
-    yield "Z_d", "Z_d 0.05 m", {"clear": {"uncertainty": 0.05}}
+    yield "Z_d", "Z_d 0.05 m, constant", {"clear": {"uncertainty": 0.05, "noise": 0.0}}
     for factor in (0.8, 1.2):
         yield "radii", f"radii assumed {factor:g} of the table", {"assumed": factor}
     for lag in (0.0, 0.1):

@@ -66,9 +66,22 @@ def test_the_limb_is_within_it_until_the_next_one_and_through_a_stop(kind: Kind,
             assert (scene.at <= high + 1e-9).all()
 
 
-def test_of_positions_it_ends_where_the_stop_does_and_where_the_limb_was_within_its_lag() -> None:
+def test_a_position_that_nothing_measures_may_be_taken_a_period_of_the_link_later() -> None:
+    """The limb obeys as late as the lag, the link's period and a cycle let it."""
+    scene = watched(Kind.POSITION, late=round((LAG + 0.06 + DT) / DT), feedback=False, period=0.06)
+    for k in range(150):
+        low, high = (PLACE, PLACE) if k == 0 else extent(scene)
+        go(scene, k)
+        if k:
+            assert (low <= scene.at + 1e-9).all()
+            assert (scene.at <= high + 1e-9).all()
+
+
+def test_of_positions_it_ends_where_the_stop_does_and_where_the_limb_was_within_lag_and_timeout() -> None:
     scene = watched(Kind.POSITION)
     commanded: list[Array] = []
+    assert scene.guard.verified is not None
+    span = LAG + scene.guard.verified.timeout
     for k in range(60):
         go(scene, k)
         commanded.append(scene.applied.copy())
@@ -77,7 +90,7 @@ def test_of_positions_it_ends_where_the_stop_does_and_where_the_limb_was_within_
         velocity = scene.guard.velocity.copy()
         T = (abs(velocity) / A).max()
         end = scene.applied + velocity * T / 2
-        least, most = ([*commanded[-round(LAG / DT) - n :], end] for n in (1, 3))
+        least, most = ([*commanded[-round(span / DT) - n :], end] for n in (1, 3))
         low, high = extent(scene)
         assert (low <= np.min(least, axis=0) - TRACKING + 1e-9).all()
         assert (high >= np.max(least, axis=0) + TRACKING - 1e-9).all()

@@ -30,7 +30,8 @@ class Scene:
 
     def __init__(
         self, kind: Kind = Kind.POSITION, start: tuple[float, float] = (0.0, 0.0), late: int = 0, age: float = 0.02,
-        tracking: float = 0.0, timeout: float = 0.02, measured: float = 0.0, **limits: Any,
+        tracking: float = 0.0, timeout: float = 0.02, measured: float = 0.0, feedback: bool = True,
+        period: float | None = None, **limits: Any,
     ) -> None:  # fmt: skip
         command = Command(name="command", shape=(2,), unit="rad", kind=kind, labels=LABELS)
         self.clearance = PlanarClearance("guard.arm.clear", PlanarConfig(acceleration=A_H, least=C), command)
@@ -38,8 +39,8 @@ class Scene:
         self.clearance.bind({"centre": self.disc, "velocity": self.speed})
         self.guard: CommandGuard = guard_of(kind, 2, DT, **(LIMITS | limits))
         self.at, self.applied = np.array(start), np.zeros(2)
-        self.guard.bind(self.applied, self.at)
-        self.guard.keep_clear(self.clearance, LAG, np.full(2, tracking), timeout)
+        self.guard.bind(self.applied, self.at if feedback else None)
+        self.guard.keep_clear(self.clearance, LAG, np.full(2, tracking), timeout, period=period)
         self.guard.reset(self.at)
         self.age, self.measured, self.now = age, measured, 10_000_000_000
         rest = self.at.copy() if kind is Kind.POSITION else np.zeros(2)

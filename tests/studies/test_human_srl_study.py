@@ -256,7 +256,7 @@ def test_a_suit_that_is_off_breaks_no_blame_by_itself_unless_the_clearance_is_to
     assert untold["blamed"] > 0
     assert untold["fastest"] > 0.03
     assert untold["beyond"] < 1.0, "and the wearer is slower than the clearance takes for possible"
-    reported = reached(12.0, 9, bias=20.0, clear={"uncertainty": 0.05})
+    reported = reached(12.0, 9, bias=20.0, clear={"uncertainty": 0.05, "noise": 0.0})
     assert reported["blamed"] == reported["pushed"] == 0
 
 
