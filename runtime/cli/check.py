@@ -7,16 +7,15 @@ import datetime
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 from srl.runtime.cli import add_command, calibrations
-from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.guard import GUARDS
 from srl.runtime.profile import library, profile, start_mode, wiring
 from srl.runtime.profile.connections import connections, transforms, untaken
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.option_tree import files, listed
+from srl.runtime.profile.schema import schema
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -168,24 +167,3 @@ def listed_limits(graph: Graph, command: str) -> dict[str, dict[str, float]]:
     (labels,) = (a.command.labels for a in graph.actuators if a.name == command)
     given = vars(graph.profile.guard[command]) if command in graph.profile.guard else {}
     return {k: dict(zip(labels, v, strict=False)) for k, v in given.items() if isinstance(v, list) and len(v) > 1}
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of a profile, with the options of every registered driver, controller and clearance."""
-    content = profile.Profile.model_json_schema(by_alias=True)
-    content["additionalProperties"] = {"type": "string"}  # the word of a choice
-    definitions = content["$defs"]
-    for group, entry, key in (
-        ("drivers", "DeviceEntry", "driver"), ("controllers", "ControllerEntry", "use"),
-        ("clearances", "ClearEntry", "use"),
-    ):  # fmt: skip
-        rules = []
-        for name in registry.names(group):
-            options = registry.load(group, name, f"{group} {name}").Config.model_json_schema()
-            definitions |= options.pop("$defs", {})
-            rules.append(
-                {"if": {"properties": {key: {"const": name}}}, "then": {"properties": options.get("properties", {})}}
-            )
-        definitions[entry]["allOf"] = rules
-        definitions[entry]["properties"][key]["enum"] = registry.names(group)
-    return content

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from pydantic import ConfigDict, ModelWrapValidatorHandler, PrivateAttr, ValidationError, model_validator
-from pydantic_core import InitErrorDetails
+from pydantic import (
+    ConfigDict,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, InitErrorDetails
 
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError
@@ -36,6 +44,15 @@ class Options(BaseModel):  # noqa: PLW1641  (pydantic makes the hash of a frozen
         for base in reversed(cls.__mro__):
             found |= vars(base).get("renamed", {})
         return found
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """With the old keys, marked as such."""
+        made = handler.resolve_ref_schema(handler(schema))
+        for old, new in cls.new_keys().items():
+            made.setdefault("properties", {})[old] = {"deprecated": True, "description": f"the old name of `{new}`"}
+            made["required"] = [key for key in made.get("required", ()) if key != new]
+        return made
 
     @model_validator(mode="wrap")
     @classmethod

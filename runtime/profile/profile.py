@@ -179,29 +179,31 @@ class Record(Part):
 class Profile(Part):
     """The whole profile file."""
 
-    name: str = Field(pattern=SLUG)
-    summary: str = ""
+    name: str = Field(pattern=SLUG, description="of the system, and of an instance of it on the bus")
+    summary: str = Field("", description="a line for `srl list`")
     rate: Fraction = Field(description="Hz; 100, or '1000/3'")
-    start: Literal["auto", "manual"] = "auto"
-    seed: int = 0
+    start: Literal["auto", "manual"] = Field("auto", description="manual: the limb waits for `srl start`")
+    seed: int = Field(0, description="of the simulated world's noise")
     meant: tuple[str, ...] = Field(
         (), description="places whose numbers are meant as they stand, though they look like another unit"
     )
     backend: Backend = Field("auto", description="what computes laws and guards: 'auto', 'c' or 'python'")
     clock: str = Field("monotonic", description="'monotonic', or the device whose own tick paces the loop")
-    devices: dict[str, DeviceEntry] = Field(min_length=1)
-    setpoints: dict[str, SetpointEntry] = Field(default_factory=dict)
-    controllers: tuple[ControllerEntry, ...] = ()
-    guard: dict[str, GuardEntry] = Field(default_factory=dict)
-    frames: dict[str, FrameEntry] = Field(default_factory=dict)
-    models: dict[str, ModelEntry] = Field(default_factory=dict)
-    sim: SimEntry | None = None
-    stop: dict[str, Stop] = Field(default_factory=dict)
-    faults: Faults = Faults()
-    emergency: tuple[EmergencyInput, ...] = ()
-    reset: ResetConfig = ResetConfig()
+    devices: dict[str, DeviceEntry] = Field(min_length=1, description="by name: the driver and its options")
+    setpoints: dict[str, SetpointEntry] = Field(
+        default_factory=dict, description="by name: what clients of the bus may send, and how old it may be"
+    )
+    controllers: tuple[ControllerEntry, ...] = Field((), description="control laws in the order in which they compute")
+    guard: dict[str, GuardEntry] = Field(default_factory=dict, description="by command: the limits that hold always")
+    frames: dict[str, FrameEntry] = Field(default_factory=dict, description="by name: where it is in its parent")
+    models: dict[str, ModelEntry] = Field(default_factory=dict, description="by name: robots and limbs of the laws")
+    sim: SimEntry | None = Field(None, description="the simulated world, for `--sim` and twins")
+    stop: dict[str, Stop] = Field(default_factory=dict, description="by device: its stop category")
+    faults: Faults = Field(Faults(), description="the reaction to each fault")
+    emergency: tuple[EmergencyInput, ...] = Field((), description="inputs that stop the limb until a reset")
+    reset: ResetConfig = Field(ResetConfig(), description="who may reset, and where the limb begins then")
     bus: BusConfig | None = Field(default_factory=BusConfig, description="null: no bus")
-    record: Record = Record()
+    record: Record = Field(Record(), description="plots, and how long recordings are kept")
     choices: Choices = Field(default_factory=dict, description="merged when the file is read, so empty afterwards")
 
     @field_validator("rate", mode="before")
