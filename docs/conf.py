@@ -50,8 +50,8 @@ GROUPS = {
     "Worn limbs": ["worn-arm", "skeleton", "independent-operation", "intention", "ikns-finger", "strap-base"],
     "Control laws": ["object-mapping", "ikns", "super-man", "arm-laws", "whole-body-qp", "compiled"],
     "Set up and calibrate": [
-        "calibrate", "calibrate-glove", "calibrate-servos", "calibrate-suit", "calibrate-emg", "calibrate-frames", "jog",
-        "capture-systems", "arm-angles", "frames",
+        "calibrate", "calibrate-glove", "calibrate-servos", "calibrate-suit", "calibrate-emg", "calibrate-frames",
+        "jog", "capture-systems", "arm-angles", "frames",
     ],
     "Simulate": ["simulation", "twins", "robots", "simulated-person"],
     "See and record": ["panel", "picture", "recordings", "participant-screen", "foxglove", "lsl"],
