@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 from srl.commissioning.calibration.method import F, FittedMethod, Say, T, file_of, settings
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
-from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.profile import Profile
@@ -31,7 +30,7 @@ def device(checked: Profile, source: Source, what: str, chosen: str = "") -> str
     found = [
         name
         for name, entry in checked.devices.items()
-        if registry.load("drivers", entry.driver, source.place(f"devices.{name}.driver")).calibrated == what
+        if source.load("drivers", entry.driver, f"devices.{name}.driver").calibrated == what
     ]
     if not found:
         problem = f"none of its devices is calibrated by '{what}'"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
-from srl.runtime.contracts import registry
 from srl.runtime.contracts.terms import POSE
 from srl.runtime.models.models import context
 from srl.runtime.profile.profile import Profile
@@ -16,7 +15,7 @@ def pose_signals(checked: Profile, source: Source) -> dict[str, str | None]:
     found: dict[str, str | None] = {}
     for name, entry in checked.devices.items():
         path = f"devices.{name}"
-        driver = registry.load("drivers", entry.driver, source.place(f"{path}.driver"))
+        driver = source.load("drivers", entry.driver, f"{path}.driver")
         try:
             given = context(checked.models) | {"files": source.files}
             config = driver.Config.model_validate(entry.options, context=given)

@@ -132,7 +132,7 @@ def _needed(checked: Profile, source: Source, law: int, only: Sequence[str] | No
     for i, entry in enumerate(checked.controllers):
         for wire in entry.outputs.values():
             writers |= dict.fromkeys(wire.signals, i)
-    names = {entry.name or entry.use: i for i, entry in enumerate(checked.controllers)}
+    names = {entry.called: i for i, entry in enumerate(checked.controllers)}
     measured = {f.pose for f in checked.frames.values() if f.pose is not None}
     laws: set[int] = set()
     devices: set[str] = set()

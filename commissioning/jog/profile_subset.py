@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from srl.control.setpoint.jog import HOLD
-from srl.runtime.contracts import registry
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
 from srl.runtime.contracts.signals import Command, Kind, Stop
@@ -111,7 +110,7 @@ def subset(
 def _driver(parts: Builder, name: str) -> Driver:
     """A device's driver, which isn't opened."""
     entry, path = parts.profile.devices[name], f"devices.{name}"
-    cls = registry.load("drivers", entry.driver, parts.source.place(f"{path}.driver"))
+    cls = parts.source.load("drivers", entry.driver, f"{path}.driver")
     made: Driver = cls(name, parts.options(cls.Config, entry.options, path))
     return made
 
@@ -125,7 +124,7 @@ def _only(parts: Builder) -> str:
     """The only device that takes commands."""
     able = []
     for name, entry in parts.profile.devices.items():
-        cls = registry.load("drivers", entry.driver, parts.source.place(f"devices.{name}.driver"))
+        cls = parts.source.load("drivers", entry.driver, f"devices.{name}.driver")
         if cls.takes and not _measures(parts, name):  # a driver's own options may name files, so only where it counts
             able.append(name)
     if len(able) == 1:

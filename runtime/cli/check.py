@@ -11,7 +11,7 @@ from dataclasses import asdict
 from srl.runtime.cli import add_command, calibrations
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.guard import GUARDS
-from srl.runtime.profile import library, profile, start_mode, wiring
+from srl.runtime.profile import code_files, library, profile, start_mode, wiring
 from srl.runtime.profile.connections import connections, transforms, untaken
 from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.option_tree import files, listed
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
     options = listed(checked, graph.devices, graph.controllers, graph.world, judges)
     of_files = calibrations.warnings(source.files.kept, datetime.date.today())
-    read = files(checked, graph.devices, graph.controllers, graph.world, judges)
+    read = files(checked, graph.devices, graph.controllers, graph.world, judges) | code_files.files(checked, source)
     if args.json:
         content = {
             "profile": checked.name,

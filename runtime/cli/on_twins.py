@@ -100,6 +100,8 @@ def check(args: argparse.Namespace) -> None:
     if args.sim is not None:
         problem = "a device is on its twin or simulated inside the loop, and both would have a world of their own"
         raise RequestError("--twin", problem, "Leave --sim out")
+    if not args.run_code:
+        raise RequestError("--no-run-code", "the twins' process isn't bound by it", "Leave out one of the two")
     if args.fast:
         raise RequestError("--fast", "the twins keep real time", "Leave --fast out, or simulate all with --sim")
 

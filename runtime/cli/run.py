@@ -61,6 +61,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--confirm", action="store_true",
         help="devices without feedback stand where the profile says (home), nothing is in their way",
     )  # fmt: skip
+    parser.add_argument(
+        "--run-code", action=argparse.BooleanOptionalAction, default=True,
+        help="run the code in files that the profile names (a service doesn't, unless its options say so)",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one summary object at the end")
     parser.set_defaults(run=run)
 
@@ -79,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, overrides: list[str], signals: EndSignals, status: Status) -> int:
-    checked, source = profile.load(args.profile, overrides)
+    checked, source = profile.load(args.profile, overrides, args.run_code)
     graph = wiring.build(checked, source, args.sim)
     check_guards(graph)
     check_certificates(graph)

@@ -113,11 +113,13 @@ class Files:
         folder: where relative paths begin.
         recorded: content by name, of a run that is repeated: nothing is read from the disk. None: read from the disk.
         kept: what the options had, by name.
+        run_code: whether code in files that the profile names may be run (`srl.runtime.contracts.code_file`).
     """
 
     folder: Path = Path()
     recorded: Mapping[str, bytes] | None = None
     kept: dict[str, bytes] = field(default_factory=dict)
+    run_code: bool = False
 
     def find(self, given: str | Path) -> Path:
         """The path that an option means. Raises OptionError."""

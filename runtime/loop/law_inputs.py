@@ -16,18 +16,19 @@ from srl.runtime.profile.graph import Graph, Law
 class LawInputs:
     """The laws of a recording's profile, and what they were given."""
 
-    def __init__(self, layout: Layout, place: str) -> None:
+    def __init__(self, layout: Layout, place: str, run_code: bool = False) -> None:
         """
         Args:
             layout: the recording's.
             place: its name, for errors.
+            run_code: whether code that the recording holds may be run.
 
         Raises:
-            RecordingError: this version doesn't take the recorded profile.
+            RecordingError: this version doesn't take the recorded profile, or its code isn't run.
         """
         layout.needs(place, "label", "profile", "overrides", "versions", "rate")
         self._layout, self._place = layout, place
-        self._graph: Graph = rebuilt(layout, place, [])
+        self._graph: Graph = rebuilt(layout, place, [], run_code)
 
     def exporting(self, form: str, name: str | None = None) -> Controller:
         """The law that writes files of a form; `name` says which, where there are several.

@@ -79,7 +79,8 @@ class Process:
     def run(self) -> None:
         """Carries out the whole run. Raises SrlError for errors that the user can correct."""
         launch = self.launch
-        files = Files(Path(launch.folder), decoded(launch.files, "the launch file"))
+        # The command that wrote the launch file has refused code that may not be run.
+        files = Files(Path(launch.folder), decoded(launch.files, "the launch file"), run_code=True)
         checked, source = profile.parse(launch.label, launch.text, launch.overrides, files)
         graph = self.graph = wiring.build(checked, source, launch.sim)
         for text in launch.said:

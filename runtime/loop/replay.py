@@ -9,6 +9,7 @@ only counted, and so an input.
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,17 +19,19 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from srl.runtime.contracts import provenance
+from srl.runtime.contracts.code_file import CodeError
 from srl.runtime.contracts.compiled import PYTHON, Backend, available
 from srl.runtime.contracts.errors import ProfileError, RecordingError, WiringError
-from srl.runtime.contracts.files import Files, decoded
+from srl.runtime.contracts.files import Files, KeptFile, decoded
 from srl.runtime.contracts.signals import Limits
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Origin
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
 from srl.runtime.loop.cycle import Cycle
-from srl.runtime.profile import profile, wiring
+from srl.runtime.profile import code_files, profile, wiring
 from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.source import Source
 
 _INPUT = ("state", "setpoint", "parameter", "truth")
 _SENT = "sent"  # the row has it after the cycle's writes, so it is an input of the next cycle
@@ -93,13 +96,14 @@ class Comparison:
         }
 
 
-def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
+def replay(layout: Layout, rows: NDArray[np.int64], place: str, run_code: bool = False) -> Comparison:
     """Replays rows.
 
     Args:
         layout: the rows' layout.
         rows: (k, width) int64, contiguous cycles from the first on.
         place: the recording's name, for errors.
+        run_code: whether code that the recording holds may be run.
     """
     if not len(rows):
         raise RecordingError(place, "the recording has no rows", "Record a run first")
@@ -115,7 +119,7 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise RecordingError(place, f"the layout is damaged: {where}: {first['msg']}", _DAMAGED) from None
-    graph, cycle = _rebuild(layout, place)
+    graph, cycle = _rebuild(layout, place, run_code)
     comparison = Comparison(warnings=_other_versions(layout))
     made = graph.row
     inputs = [(made.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _INPUT]
@@ -183,36 +187,57 @@ def _copy_devices(
         words[DEVICE.link] = (words.item(DEVICE.link) & ~own) | (link & own)
 
 
-def rebuilt(layout: Layout, place: str, simulated: list[str]) -> Graph:
+def rebuilt(layout: Layout, place: str, simulated: list[str], run_code: bool = False) -> Graph:
     """The wired system of a recording's profile, with its calibrations as they were; nothing is opened.
 
     Args:
         layout: the recording's.
         place: its name, for errors.
         simulated: names of the devices that the world simulates; none: there is no world.
+        run_code: whether code that the recording holds may be run.
 
     Raises:
-        RecordingError: this version doesn't take the recorded profile.
+        RecordingError: this version doesn't take the recorded profile, or its code isn't run.
     """
-    meta = layout.meta
     try:
-        files = Files(Path(meta["label"]).parent, decoded(meta.get("files", {}), place))
-        checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"], files)
+        checked, source = _profile(layout, place, run_code)
+        if not run_code and (code := code_files.names(checked)):
+            problem = f"its profile runs code that the recording holds: {', '.join(code.values())}"
+            remedy = f"Read it: srl replay {shlex.quote(place)} --show-code. If you trust it, add --run-code"
+            raise RecordingError(place, problem, remedy)
         return wiring.build(checked, source, simulated or None)
+    except CodeError as error:
+        problem = f"the recorded code can't be run: {error.place}: {error.problem}"
+        raise RecordingError(place, problem, error.remedy) from None
     except (ProfileError, WiringError) as error:
         problem = f"this version of srl doesn't take the recorded profile: {error.place}: {error.problem}"
         raise RecordingError(place, problem, _remedy(layout)) from None
+
+
+def recorded_code(layout: Layout, place: str) -> dict[str, KeptFile]:
+    """By key path of its profile: the files with code that a recording holds. Runs none. Raises RecordingError."""
+    layout.needs(place, "label", "profile", "overrides", "versions")
+    try:
+        return code_files.files(*_profile(layout, place, False))
+    except ProfileError as error:
+        raise RecordingError(place, f"{error.place}: {error.problem}", _remedy(layout)) from None
+
+
+def _profile(layout: Layout, place: str, run_code: bool) -> tuple[profile.Profile, Source]:
+    meta = layout.meta
+    files = Files(Path(meta["label"]).parent, decoded(meta.get("files", {}), place), run_code=run_code)
+    return profile.parse(meta["label"], meta["profile"], meta["overrides"], files)
 
 
 def _remedy(layout: Layout) -> str:
     return f"Use srl-runtime {layout.meta['versions'].get('srl-runtime', '?')}"
 
 
-def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
+def _rebuild(layout: Layout, place: str, run_code: bool) -> tuple[Graph, Cycle]:
     meta, remedy = layout.meta, _remedy(layout)
     if layout.recorded_names != layout.int_names:
         raise RecordingError(place, "its rows have other words than this version's", remedy)
-    graph = rebuilt(layout, place, meta["simulated"])
+    graph = rebuilt(layout, place, meta["simulated"], run_code)
     have = {n: (f.shape, f.unit, f.role) for n, f in graph.layout.fields.items() if f.role != "truth"}
     want = {n: (f.shape, f.unit, f.role) for n, f in layout.fields.items() if f.role != "truth"}
     if have != want:

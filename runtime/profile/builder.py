@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from srl.runtime.contracts import code_file
+from srl.runtime.contracts.code_file import CodeError
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import ProfileError, WiringError, nearest, refused
 from srl.runtime.contracts.frames import FrameError, Frames
@@ -68,12 +70,23 @@ class Builder:
 
         Raises:
             WiringError: it refuses what it is given with a ValueError.
+            CodeError: it is a class in a file whose constructor isn't as it must be.
         """
         try:
-            return cls(*given)
+            made = cls(*given)
         except ValueError as error:
             problem, remedy = refused(error)
             raise WiringError(self.source.place(path), f"{what} can't be made: {problem}", remedy) from error
+        except TypeError as error:
+            if not code_file.is_of_file(cls) or code_file.fault(error) is not None:
+                raise
+            raise CodeError(self.source.place(path), f"{what} can't be made: {error}", code_file.MEND) from error
+        if code_file.is_of_file(cls) and not hasattr(made, "name"):
+            problem = f"{what} doesn't make what it is derived from"
+            raise CodeError(
+                self.source.place(path), problem, "Begin its `__init__` with super().__init__(name, config)"
+            )
+        return made
 
     def add(self, name: str, signal: Signal, role: str, writer: str, place: str) -> None:
         """Gives a signal its place in the row."""

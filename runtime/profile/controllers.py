@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from srl.runtime.contracts import registry
 from srl.runtime.contracts.controller import OLD_NAMES
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import WiringError, nearest
@@ -67,8 +66,8 @@ def build(b: Builder, devices: list[Driver]) -> list[Law]:
     made: list[Law] = []
     for i, entry in enumerate(b.profile.controllers):
         path = f"controllers.{i}"
-        cls = registry.load("controllers", entry.use, b.source.place(f"{path}.use"))
-        name = entry.name or entry.use
+        cls = b.source.load("controllers", entry.use, f"{path}.use")
+        name = entry.called
         if name in b.layout.devices or name in b.profile.devices or any(w.controller.name == name for w in made):
             raise WiringError(b.source.place(path), f"the name '{name}' is taken", "Add `name:` to this controller")
         options = b.options(cls.Config, entry.options, path)

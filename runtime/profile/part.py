@@ -23,7 +23,7 @@ def frames_left(
     parts = checked.sim.options.get("parts") if sim and checked.sim is not None else None
     gone = checked.devices.keys() - devices - (parts.keys() if isinstance(parts, dict) else set())
     made = {target for e in laws for w in e.outputs.values() for target in w.signals}
-    owners = devices | {e.name or e.use for e in laws}
+    owners = devices | {e.called for e in laws}
     left = dict(checked.frames)
     while True:
         lost = [
@@ -49,7 +49,8 @@ def parsed(plain: dict[str, Any], source: Source, kept: list[int]) -> tuple[Prof
     moved = {path: at for path, at in source.moved.items() if not path.startswith("controllers.")}
     moved |= {f"controllers.{new}": written(f"controllers.{old}", source.moved) for new, old in enumerate(kept)}
     typed = tuple(_typed(plain))
-    made, own = profile.parse(source.label, stream.getvalue(), typed, Files(source.files.folder))
+    files = Files(source.files.folder, run_code=source.files.run_code)
+    made, own = profile.parse(source.label, stream.getvalue(), typed, files)
     return made, replace(own, lines=source.lines, moved=moved)
 
 

@@ -15,17 +15,17 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, PlainValidator, ValidationError, WithJsonSchema, field_validator
+from pydantic import ConfigDict, Field, PlainValidator, ValidationError, WithJsonSchema, WrapValidator, field_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
-from srl.runtime.contracts import yaml_text
+from srl.runtime.contracts import code_file, yaml_text
 from srl.runtime.contracts.compiled import Backend
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, ProfileError, nearest
-from srl.runtime.contracts.files import Files, read_regular
+from srl.runtime.contracts.files import Files, Typed, read_regular
 from srl.runtime.contracts.frames import FrameEntry
 from srl.runtime.contracts.signals import Stop
 from srl.runtime.models.models import KINDS, Model, of_entry
@@ -48,6 +48,10 @@ SPANS = 1e-6, 1e6  # s, the least and the most: the loop counts ns, in which les
 Span = Annotated[float, Field(ge=SPANS[0], le=SPANS[1], allow_inf_nan=False)]
 
 
+PartName = Annotated[str, WrapValidator(lambda given, check: given if isinstance(given, Typed) else check(given))]
+"""A registered name, or `FILE.py:CLASS`: one that was typed stays known as such."""
+
+
 class Part(BaseModel):
     """A section of the profile. Unknown keys are errors."""
 
@@ -59,7 +63,7 @@ class DeviceEntry(BaseModel):
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
-    driver: str
+    driver: PartName
     max_age: Span | None = Field(None, description="s; older than this a sample is stale")
     robot: RobotEntry | None = Field(
         None, description="for pictures: a description, a model, {axes: ...}, or {urdf: FILE, base: LINK, tip: LINK}"
@@ -76,10 +80,15 @@ class ControllerEntry(BaseModel):
 
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
 
-    use: str
-    name: str | None = Field(None, pattern=SLUG, description="default: the control law's name")
+    use: PartName
+    name: str | None = Field(None, pattern=SLUG, description="default: the control law's name, or its class's")
     inputs: dict[str, Input] = Field(default_factory=dict, alias="in")
     outputs: dict[str, Output] = Field(default_factory=dict, alias="out")
+
+    @property
+    def called(self) -> str:
+        """The name by which others mean it."""
+        return self.name or (code_file.default_name(self.use) if code_file.is_file(self.use) else self.use)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -257,10 +266,13 @@ def find(name: str) -> tuple[str, str, Path]:
         return f"{name}.yaml", path.read_text(encoding="utf-8"), path.absolute().parent
 
 
-def load(name: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
-    """Finds, reads and checks a profile, with `--set key.path=value` applied."""
+def load(name: str, overrides: Sequence[str] = (), run_code: bool = True) -> tuple[Profile, Source]:
+    """Finds, reads and checks a profile, with `--set key.path=value` applied.
+
+    `run_code`: whether what wires it may run code in files that it names. Reading it runs none.
+    """
     label, text, folder = find(name)
-    return parse(label, text, overrides, Files(folder))
+    return parse(label, text, overrides, Files(folder, run_code=run_code))
 
 
 def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | None = None) -> tuple[Profile, Source]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from srl.runtime.contracts import registry
+from srl.runtime.contracts import code_file, registry
 from srl.runtime.profile.profile import Profile
 
 _ENTRIES: Final = (
@@ -29,6 +29,8 @@ def schema() -> dict[str, Any]:
         made = definitions[entry]
         rules, known = _rules(group, key, list(made["properties"]), definitions)
         made["allOf"] = rules
+        if group in ("drivers", "controllers"):
+            known.append({"pattern": code_file.PATTERN, "description": "a class in a file beside the profile"})
         made["properties"][key] = made["properties"][key] | {"anyOf": known}
     rules, known = _rules("parts", "part", ["part"], definitions)
     part = {"type": "object", "properties": {"part": {"anyOf": known}}, "required": ["part"], "allOf": rules}

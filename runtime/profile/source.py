@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from srl.runtime.contracts import code_file, registry
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, ProfileError, nearest
 from srl.runtime.contracts.files import Files
@@ -48,6 +49,20 @@ class Source:
             at = at.rpartition(".")[0]
         line = f" line {self.lines[at]}" if at in self.lines else ""
         return f"{self.label}{line}: {path}" if path else f"{self.label}{line}"
+
+    def load(self, group: str, name: str, path: str) -> Any:
+        """The class that an entry names: a registered one, or `FILE.py:CLASS`.
+
+        Args:
+            group: as in `registry.load`.
+            name: as the profile writes it.
+            path: its key path.
+        Raises:
+            ProfileError, HostError: there is none, or it can't be imported.
+        """
+        if group in ("controllers", "drivers", "fakes") and code_file.is_file(name):
+            return code_file.load(group, name, self.files, self.place(path))
+        return registry.load(group, name, self.place(path))
 
     @property
     def sha256(self) -> str:

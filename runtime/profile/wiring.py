@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from srl.runtime.contracts import registry
+from srl.runtime.contracts import code_file, registry
 from srl.runtime.contracts.controller import Parameter
 from srl.runtime.contracts.driver import Driver, Sensor
-from srl.runtime.contracts.errors import ProfileError, WiringError, nearest
+from srl.runtime.contracts.errors import ProfileError, SrlError, WiringError, nearest
 from srl.runtime.contracts.frames import Measured
 from srl.runtime.contracts.renamed import refuse_old_names
 from srl.runtime.contracts.signals import Array, Command, Signal
@@ -23,7 +23,17 @@ from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from srl.runtime.contracts.world import World
 from srl.runtime.ipc.row import Row
 from srl.runtime.ipc.stop_slots import SLOTS
-from srl.runtime.profile import bus, buses, calibrated_frames, clearances, controllers, keys, measured_frames, switches
+from srl.runtime.profile import (
+    bus,
+    buses,
+    calibrated_frames,
+    clearances,
+    code_files,
+    controllers,
+    keys,
+    measured_frames,
+    switches,
+)
 from srl.runtime.profile.builder import Builder
 from srl.runtime.profile.declared import check_command, check_range
 from srl.runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
@@ -45,8 +55,19 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         source: its source, from the same function.
         sim: devices to simulate; empty for all; None for none.
     Raises:
-        ProfileError, WiringError: with the key path and the remedy.
+        ProfileError, WiringError: with the key path and the remedy; for code in a file, with its line.
     """
+    try:
+        return _build(profile, source, sim)
+    except SrlError:
+        raise
+    except Exception as error:
+        if (fault := code_file.fault(error)) is None:
+            raise
+        raise fault from error
+
+
+def _build(profile: Profile, source: Source, sim: Iterable[str] | None) -> Graph:
     b = Builder(profile, source, sim)
     _check_clock(b)
     world = _world(b)
@@ -98,6 +119,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         + bus.warnings(profile.bus),
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())]
         + carried
+        + code_files.remarks(profile, source)
         + [f"{b.source.place(place)}: {text}" for place, text in robot_remarks(profile)],
         reads,
     )  # fmt: skip
@@ -139,11 +161,11 @@ def _devices(b: Builder, world: World | None) -> list[Driver]:
         path = f"devices.{name}"
         if name in ("world", "bus"):
             raise ProfileError(b.source.place(path), f"the name '{name}' is taken by the runtime", "Choose another")
-        cls = registry.load("drivers", entry.driver, b.source.place(f"{path}.driver"))
+        cls = b.source.load("drivers", entry.driver, f"{path}.driver")
         config = b.options(cls.Config, entry.options, path)
         what = f"driver '{entry.driver}'"
         if name in b.simulated and world is not None and b.profile.sim is not None:
-            fake = registry.load("fakes", entry.driver, b.source.place(f"{path}.driver"))
+            fake = b.source.load("fakes", entry.driver, f"{path}.driver")
             options = b.options(fake.Options, b.profile.sim.devices.get(name, {}), f"sim.devices.{name}")
             devices.append(b.make(fake, name, config, world, options, what=f"the fake of {what}", path=path))
         else:

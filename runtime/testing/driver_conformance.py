@@ -46,7 +46,7 @@ class DriverConformance:
     def driver(self, port: str = "") -> Driver:
         """A new driver with the profile's options, bound, at this port or `nowhere`."""
         checked, source = self._read()
-        cls = registry.load("drivers", driver_of(checked, source, self.device), source.place(f"devices.{self.device}"))
+        cls = source.load("drivers", driver_of(checked, source, self.device), f"devices.{self.device}.driver")
         if "port" in cls.Config.model_fields:
             checked, source = self._read(f"devices.{self.device}.port={json.dumps(port or self.nowhere)}")
         return self._of(wiring.build(checked, source, None))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from srl.runtime.contracts.errors import ProfileError, nearest
+from srl.runtime.contracts.files import Files
 from srl.runtime.profile import profile
 from srl.runtime.profile.profile import Profile
 from srl.runtime.profile.source import Source
@@ -24,12 +25,13 @@ def read(given: Given, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
     Raises:
         ProfileError: as `srl check` says it.
     """
+    here = Files(run_code=True)  # a test's own
     if isinstance(given, Mapping):
-        return profile.parse("profile.yaml", json.dumps(given), overrides)  # JSON is YAML
+        return profile.parse("profile.yaml", json.dumps(given), overrides, here)  # JSON is YAML
     if isinstance(given, Path):
         return profile.load(f"./{given}" if given.parent == Path() else str(given), overrides)
     if "\n" in given:
-        return profile.parse("profile.yaml", given, overrides)
+        return profile.parse("profile.yaml", given, overrides, here)
     return profile.load(given, overrides)
 
 

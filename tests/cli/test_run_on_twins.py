@@ -34,6 +34,7 @@ def twins_of(pid: int) -> list[int]:
     [
         (["--sim"], "a world of their own"),
         (["--fast"], "the twins keep real time"),
+        (["--no-run-code"], "isn't bound by it"),
     ],
 )
 def test_what_contradicts_twins_is_refused(more: list[str], words: str) -> None:

@@ -23,7 +23,8 @@ from pathlib import Path
 
 import pytest
 from helpers import ROOT
-from helpers.run import Running, environment, srl
+from helpers.own_law import written
+from helpers.run import Running, environment, refused, srl
 
 from bench import bus_age
 from srl.runtime.ipc.header import State
@@ -127,6 +128,17 @@ def test_the_unit_is_as_the_page_says_and_never_moves_a_limb_by_itself() -> None
             output += 1
     assert output > 15
     assert " --set start=manual $SRL_OPTIONS" in values("ExecStart")[0]
+
+
+def test_the_service_runs_no_code_of_a_file_unless_its_options_say_so(tmp_path: Path) -> None:
+    profile = written(tmp_path, "raise AssertionError('it was run')")
+    command = values("ExecStart")[0].replace("${SRL_PROFILE}", str(profile)).replace("%i", "left")
+    found = {}
+    for options in ("", "--run-code"):
+        _, *arguments = command.replace("$SRL_OPTIONS", options).split()
+        found[options] = refused(*arguments)
+    assert "isn't run: code in files was turned off here. Turn it on with --run-code" in found[""]
+    assert "AssertionError: it was run" in found["--run-code"]
 
 
 @pytest.mark.slow

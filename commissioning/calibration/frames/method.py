@@ -22,7 +22,6 @@ from srl.commissioning.calibration.pose_signals import pose_signals
 from srl.commissioning.calibration.profile_subset import subset_of_devices
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.commissioning.calibration.run_channels import RunChannels, words
-from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.frames import IDENTITY
@@ -113,7 +112,7 @@ class FrameMethod(FittedMethod[ChannelMap, Mount]):
         """Nothing is commanded: an arm is only read. What a calibration says isn't known yet."""
         arms = []
         for name, entry in plain["devices"].items():
-            config = registry.load("drivers", entry["driver"], self.source.place(f"devices.{name}")).Config
+            config = self.source.load("drivers", entry["driver"], f"devices.{name}.driver").Config
             interface = config.model_fields.get("interface")
             if interface is not None:
                 if "none" not in get_args(interface.annotation):

@@ -19,7 +19,7 @@ from srl.control.ikns.noise import noise_of_c
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.contracts.files import Files, decoded
 from srl.runtime.contracts.signals import Array
-from srl.runtime.profile import profile, wiring
+from srl.runtime.profile import code_files, profile, wiring
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,8 @@ def _noise(channel_map: ChannelMap, recording: Recording, found: Calibration) ->
     owners = {reference.partition(".")[0] for reference in channel_map.options.angles.values()}
     files = Files(Path(meta["label"]).parent, decoded(meta.get("files", {}), meta["label"]))
     checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"], files)
+    if code_files.names(checked):
+        return None  # a recording's code isn't run unasked
     laws = wiring.build(checked, source, [] if meta["simulated"] else None).controllers
     law = next((law for law in laws if {law.name} == owners), None)
     options = None if law is None else law.config

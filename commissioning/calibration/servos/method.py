@@ -39,7 +39,7 @@ from srl.commissioning.calibration.simulated_access import SimulatedDrive
 from srl.commissioning.calibration.sources import RowSource
 from srl.commissioning.jog.profile_subset import ProfileSubset
 from srl.commissioning.jog.profile_subset import subset as jog_subset
-from srl.runtime.contracts import registry, servo_record
+from srl.runtime.contracts import servo_record
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import RequestError, SrlError, WiringError
 from srl.runtime.contracts.files import KeptFile
@@ -110,7 +110,7 @@ class ServoMethod(DeviceMethod[ChannelMap, Calibrated]):
     def _driver(self) -> Driver:
         """The device's driver, without its file and not opened. Raises ProfileError."""
         entry, path = self.checked.devices[self._device], f"devices.{self._device}"
-        cls = registry.load("drivers", entry.driver, self.source.place(f"{path}.driver"))
+        cls = self.source.load("drivers", entry.driver, f"{path}.driver")
         options = {key: value for key, value in entry.options.items() if key != self.option}
         made: Driver = cls(self._device, Builder(self.checked, self.source, None).options(cls.Config, options, path))
         return made
