@@ -1,0 +1,1 @@
+"""General laws for signals of any device or law: scaled, filtered, chosen."""
