@@ -48,7 +48,7 @@ GROUPS = {
     "Start": ["install", "half-hour", "so101", "profiles", "compared"],
     "Safety": ["safety", "guard", "collision"],
     "Worn limbs": ["worn-arm", "skeleton", "independent-operation", "intention", "ikns-finger", "strap-base"],
-    "Control laws": ["object-mapping", "ikns", "super-man", "arm-laws", "whole-body-qp", "compiled"],
+    "Control laws": ["signal-laws", "object-mapping", "ikns", "super-man", "arm-laws", "whole-body-qp", "compiled"],
     "Set up and calibrate": [
         "calibrate", "calibrate-glove", "calibrate-servos", "calibrate-suit", "calibrate-emg", "calibrate-frames",
         "jog", "capture-systems", "arm-angles", "frames",

@@ -317,7 +317,9 @@ def test_a_deep_tree_and_long_names_stay_readable(
     chain = "".join(f"  f{i}: {{parent: {f'f{i - 1}' if i else 'null'}}}\n" for i in range(60))
     for old in ("finger:\n    driver", "finger.", "{finger:"):
         text = text.replace(old, old.replace("finger", device))
-    (tmp_path / "deep.yaml").write_text(text.partition("sim:")[0] + f"frames:\n{chain}")
+    before, _, after = text.partition("sim:")
+    choices = "choices:" + after.partition("choices:")[2]
+    (tmp_path / "deep.yaml").write_text(f"{before}{choices}frames:\n{chain}")
     output = shown(capsys, "deep.yaml")
     assert max(map(len, output.splitlines())) <= 100
     assert f"\n{' ' * 42}f59: in f58, fixed: position 0, 0, 0 m, not turned\n" in output
