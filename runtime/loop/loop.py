@@ -141,7 +141,10 @@ class Loop:
             self.refusals.add(1, refusal(kind, origin, uid, answer))
         elif kind in STATE_REQUESTS and changed:
             own_end = origin is Origin.SERVICE and ints.item(_TARGET) == Cause.END
-            (self.remark if own_end else self.cycle.report)(described(kind, origin, uid))
+            if own_end:
+                self.remark("the run's time or its task is over")
+            else:
+                self.cycle.report(described(kind, origin, uid))
         self._started = answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET)
 
     def _answer(self, pending: PendingRequest) -> None:

@@ -63,8 +63,10 @@ def test_the_summary_says_what_happened(run: dict[str, object]) -> None:
 
 
 def test_its_own_end_is_no_warning(done: subprocess.CompletedProcess[str]) -> None:
-    (said,) = (line for line in done.stderr.splitlines() if "exit (service)" in line)
-    assert re.fullmatch(r"srl: cycle 800: exit \(service\)", said)
+    (said,) = (line for line in done.stderr.splitlines() if "is over" in line)
+    assert re.fullmatch(r"srl: cycle 800: the run's time or its task is over", said)
+    assert "exit" not in done.stderr
+    assert "warning" not in done.stderr
 
 
 def test_every_cycle_is_in_the_recording(run: dict[str, int], recording: Recording) -> None:
