@@ -20,7 +20,7 @@ from srl.studies.cli import COMMANDS
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "study", "srl study peg-in-hole --json", COMMANDS)
-    parser.add_argument("name", help="see the list in the error of a wrong name")
+    parser.add_argument("name", metavar="NAME", help=f"one of: {', '.join(registry.names('studies'))}")
     parser.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="for pictures and recordings")
     parser.add_argument("--quick", action="store_true", help="fewer persons and shorter tasks, to see that it runs")
     parser.add_argument(

@@ -83,7 +83,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         sys.stdout.flush()
         return code
     except SrlError as error:
-        print(f"srl {args.command}: {error}", file=sys.stderr)
+        print(_named(f"srl {args.command}", str(error)), file=sys.stderr)
         return 2
     except BrokenPipeError:
         # The reader of the output has gone, so there is nobody to tell.
@@ -95,6 +95,11 @@ def _main(arguments: Sequence[str] | None) -> int:
         _mute()
         print(f"srl {args.command}: there is no room left on the disk. Make room, then run it again", file=sys.stderr)
         return 2
+
+
+def _named(command: str, error: str) -> str:
+    """The error after the command's name, which stands once where the error's place begins with it."""
+    return error if error.startswith((f"{command}:", f"{command} ")) else f"{command}: {error}"
 
 
 def _mute() -> None:

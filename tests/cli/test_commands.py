@@ -122,3 +122,30 @@ def test_srl_s_names_are_all_there_and_load_nothing_before_they_are_used() -> No
     code = "import srl, sys; print(*({'numpy', 'pydantic', 'zenoh'} & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
     assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "beginning"),
+    [
+        (["study", "no-such-study"], "srl study no-such-study: no study"),
+        (["check"], "srl check: no profile is named"),
+        (["top", "nowhere"], "srl top: instance 'nowhere': it isn't running"),
+    ],
+)
+def test_an_error_names_the_command_once(
+    arguments: list[str], beginning: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, output = reported(arguments, capsys)
+    assert code == 2
+    assert output.startswith(beginning)
+    assert output.count("srl ") - output.count("`srl ") == 1
+
+
+def test_the_help_of_study_names_the_studies(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "2000")  # else a line ends within a name
+    code, output = reported(["study", "--help"], capsys)
+    assert code == 0
+    words = output.replace("\n", " ").replace(",", " ").split()
+    assert set(registry.names("studies")) <= set(words)
