@@ -25,6 +25,7 @@ from srl.commissioning.calibration.screen import Screen
 from srl.commissioning.calibration.sources import RowSource, Simulated
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
+from srl.runtime.contracts.validation import CORRECT, refusal
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.models.record_file import NAME
 from srl.runtime.profile.profile import Profile
@@ -228,9 +229,8 @@ def settings(
     try:
         return {name: kind.model_validate(values[name]) for name, kind in kinds.items()}
     except ValidationError as error:
-        first = error.errors()[0]
-        place = f"--option {'.'.join(map(str, first['loc']))}".strip()
-        raise RequestError(place, first["msg"].removeprefix("Value error, "), "Correct the value") from None
+        first = refusal(error)
+        raise RequestError(f"--option {first.path}".strip(), first.problem, first.remedy or CORRECT) from None
 
 
 def names(option: str, given: str | None, things: str) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.gravity import GRAVITY
 from srl.runtime.contracts.limb_drives import LimbDrives, LimbJoint
 from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.validation import CORRECT, refusal
 from srl.runtime.models.robot_model import RobotModel
 from srl.runtime.models.robots import RobotDescription
 from srl.runtime.models.robots.pinocchio_model import pinocchio_model
@@ -209,11 +210,9 @@ def _read(file: Path, base: str | None, tip: str | None) -> RobotDescription:
     except OptionError as error:
         raise RequestError(place, error.problem, error.remedy) from None
     except ValidationError as error:
-        cause = error.errors()[0].get("ctx", {}).get("error")
-        if not isinstance(cause, OptionError):
-            raise
-        remedy = cause.remedy.replace("'tip'", "--tip").replace("'base'", "--base")
-        raise RequestError(place, cause.problem, remedy) from None
+        first = refusal(error, entry)
+        remedy = (first.remedy or CORRECT).replace("'tip'", "--tip").replace("'base'", "--base")
+        raise RequestError(place, first.problem, remedy) from None
 
 
 def _unit(robot: RobotDescription) -> str:

@@ -35,6 +35,7 @@ from srl.runtime.contracts.errors import ProfileError, nearest
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.glove_record import GloveRecord
 from srl.runtime.contracts.signals import Array
+from srl.runtime.contracts.validation import refusal
 
 _RAW: Final = np.arange(256, dtype=float)
 _Byte = Annotated[float, Field(ge=0, le=255)]
@@ -240,10 +241,8 @@ def _guided(path: Path, text: str, sensors: int) -> Calibration:
 
 def _refused(path: Path, error: ValidationError, remedy: str) -> ProfileError:
     """The error of a file whose values don't fit."""
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    message = first["msg"].removeprefix("Value error, ")
-    return ProfileError(f"{path}: {key}" if key else str(path), f"{message[0].lower()}{message[1:]}", remedy)
+    first = refusal(error)
+    return ProfileError(first.at(str(path)), first.problem, remedy)
 
 
 # The lines of the sensors in the vendor's file, counted from 0, in the record's order (§6).

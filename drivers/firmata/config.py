@@ -13,6 +13,7 @@ from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import ProfileError
 from srl.runtime.contracts.servo_record import Entry, Line, ServoFile
+from srl.runtime.contracts.validation import refusal
 
 MAX_PULSE_US = 2400
 DRIVER = "firmata"
@@ -163,9 +164,9 @@ class FirmataConfig(DeviceConfig):
             try:
                 found[name] = self.servos[name].calibrated(line)
             except ValidationError as error:
-                problem = error.errors()[0]["msg"].removeprefix("Value error, ")
                 place = f"{self.calibration.path}: joints.{name}"
-                raise ProfileError(place, f"with it, {problem}", "Change `home` in the profile") from None
+                problem = f"with it, {refusal(error).problem}"
+                raise ProfileError(place, problem, "Change `home` in the profile") from None
         return found
 
     @model_validator(mode="after")

@@ -10,6 +10,7 @@ from srl.runtime.contracts.checksummed import HASH, ChangedError, opened
 from srl.runtime.contracts.errors import ProfileError
 from srl.runtime.contracts.files import KeptFile
 from srl.runtime.contracts.suit_record import SuitRecord
+from srl.runtime.contracts.validation import refusal
 
 _AGAIN = "Calibrate again: `srl calibrate PROFILE suit`"
 
@@ -23,11 +24,8 @@ def load(file: KeptFile) -> SuitRecord:
         remedy = f'{_AGAIN}; if you changed it on purpose, take "{HASH}" out'
         raise ProfileError(place, str(error), remedy) from None
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        message = first["msg"].removeprefix("Value error, ")
-        problem = f"{message[0].lower()}{message[1:]}"
-        raise ProfileError(f"{place}: {key}" if key else place, problem, _AGAIN) from None
+        first = refusal(error)
+        raise ProfileError(first.at(place), first.problem, _AGAIN) from None
     except (ValueError, RecursionError) as error:
         problem = f"it is no JSON: {error}" if isinstance(error, ValueError) else "it is nested too deeply"
         raise ProfileError(place, problem, _AGAIN) from None

@@ -12,6 +12,7 @@ from srl.drivers.noitom.skeleton import Kind
 from srl.drivers.xsens_mvn.config import MvnConfig
 from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.files import ProfilePath
+from srl.runtime.contracts.validation import refusal
 
 ANY: Final = "*"  # the subject of a marker whose subject isn't named
 OPTIONS: Final[Mapping[str, frozenset[str]]] = {
@@ -79,5 +80,5 @@ def checked(config: ReplayConfig) -> CaptureConfig | None:
             own = {"segments": config.segments} if config.segments else {}
             return MvnConfig(port="", joints=config.joints, centre_of_mass=config.centre_of_mass, **own, **common)
     except ValidationError as error:
-        raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
+        raise ValueError(refusal(error).problem) from None
     return None

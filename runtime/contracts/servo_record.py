@@ -17,6 +17,7 @@ from srl.runtime.contracts.checksummed import HASH, ChangedError, opened
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import ProfileError, nearest
 from srl.runtime.contracts.files import FileOption, KeptFile
+from srl.runtime.contracts.validation import refusal
 
 FORMAT: Final = "srl-servos-1"
 WHAT: Final = "servos"
@@ -133,9 +134,8 @@ def read(file: KeptFile) -> ServoRecord:
         remedy = f'{AGAIN}; if you changed it on purpose, take "{HASH}" out'
         raise ProfileError(place, str(error), remedy) from None
     except ValidationError as error:
-        first = error.errors()[0]
-        at = ".".join(map(str, first["loc"]))
-        raise ProfileError(f"{place}: {at}", first["msg"].removeprefix("Value error, "), AGAIN) from None
+        first = refusal(error)
+        raise ProfileError(first.at(place), first.problem, AGAIN) from None
     except (ValueError, RecursionError) as error:
         problem = "it is nested too deeply" if isinstance(error, RecursionError) else f"it is no JSON: {error}"
         raise ProfileError(place, problem, AGAIN) from None

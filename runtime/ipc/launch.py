@@ -10,6 +10,7 @@ from typing import ClassVar, Final
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from srl.runtime.contracts.errors import HostError
+from srl.runtime.contracts.validation import refusal
 from srl.runtime.ipc import private_file
 
 ANONYMOUS: Final = r"^[A-Za-z]{0,4}[0-9]{1,6}$"
@@ -71,7 +72,6 @@ class Launch:
         try:
             return TypeAdapter(cls).validate_json(text)
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "the file"
-            problem = f"the launch file is damaged: {where}: {first['msg']}"
+            first = refusal(error)
+            problem = f"the launch file is damaged: {first.path or 'the file'}: {first.problem}"
             raise HostError(str(path), problem, "Start the run again with `srl run`: it writes a new one") from None

@@ -24,6 +24,7 @@ from srl.runtime.contracts.compiled import PYTHON, Backend, available
 from srl.runtime.contracts.errors import ProfileError, RecordingError, WiringError
 from srl.runtime.contracts.files import Files, KeptFile, decoded
 from srl.runtime.contracts.signals import Limits
+from srl.runtime.contracts.validation import refusal
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Origin
 from srl.runtime.ipc.layout import Layout
@@ -116,9 +117,8 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str, run_code: bool =
     try:
         TypeAdapter(_Meta).validate_python(layout.meta)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise RecordingError(place, f"the layout is damaged: {where}: {first['msg']}", _DAMAGED) from None
+        first = refusal(error, layout.meta)
+        raise RecordingError(place, f"the layout is damaged: {first.path}: {first.problem}", _DAMAGED) from None
     graph, cycle = _rebuild(layout, place, run_code)
     comparison = Comparison(warnings=_other_versions(layout))
     made = graph.row

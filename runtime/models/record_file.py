@@ -16,6 +16,7 @@ from srl.runtime.contracts import whole_file
 from srl.runtime.contracts.checksummed import HASH, ChangedError, checksummed, opened
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import SrlError
+from srl.runtime.contracts.validation import refusal
 
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Name = Annotated[str, Field(pattern=NAME)]
@@ -61,6 +62,5 @@ def write(path: Path, record: BaseModel) -> None:
 
 def refused(place: str, error: ValidationError, remedy: str) -> RecordError:
     """The error of a record whose values don't fit."""
-    first = error.errors()[0]
-    at = ".".join(map(str, first["loc"]))
-    return RecordError(f"{place}: {at}" if at else place, first["msg"].removeprefix("Value error, "), remedy)
+    first = refusal(error)
+    return RecordError(first.at(place), first.problem, remedy)

@@ -63,7 +63,7 @@ class Builder:
         try:
             return model.model_validate(values, context=context(self.profile.models) | {"files": self.source.files})
         except ValidationError as error:
-            raise first_error(error, self.source, path, model) from None
+            raise first_error(error, self.source, path, model, values) from None
 
     def make(self, cls: Callable[..., T], *given: object, what: str, path: str) -> T:
         """Makes a device, law or clearance. `what`: it and the name by which the profile uses it; `path`: its entry.

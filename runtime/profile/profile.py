@@ -290,7 +290,7 @@ def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | N
     try:
         return Profile.model_validate(plain, context={"files": source.files}), source
     except ValidationError as error:
-        raise first_error(error, source, "", Profile) from None
+        raise first_error(error, source, "", Profile, plain) from None
 
 
 def tree(

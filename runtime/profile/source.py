@@ -10,8 +10,9 @@ from pydantic import ValidationError
 
 from srl.runtime.contracts import code_file, registry
 from srl.runtime.contracts.entry import BaseModel
-from srl.runtime.contracts.errors import OptionError, ProfileError, nearest
+from srl.runtime.contracts.errors import ProfileError, nearest
 from srl.runtime.contracts.files import Files
+from srl.runtime.contracts.validation import CORRECT, refusal
 
 
 @dataclass(frozen=True)
@@ -81,41 +82,16 @@ def written(path: str, moved: dict[str, str]) -> str:
     return path
 
 
-_OWN = ("function-", "literal", "is-instance", "tagged-", "str-enum")  # what pydantic adds to a key path
-_CHOICES = ("enum", "literal_error")
-
-
-def first_error(error: ValidationError, source: Source, prefix: str, model: type[BaseModel]) -> ProfileError:
-    """Converts pydantic's first error to a ProfileError."""
-    # A misspelt key causes two errors: the unknown key says more than the missing one.
-    item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    location = _location(item["loc"])
-    path = ".".join([prefix, *location] if prefix else location)
-    words = [e["ctx"]["expected"] for e in error.errors() if e["type"] in _CHOICES and _location(e["loc"]) == location]
-    others = error.error_count() - max(len(words), 1)
-    more = f" ({others} more after this one)" if others else ""
-    if item["type"] == "extra_forbidden":
-        known = _known_keys(model, location[:-1])
-        return ProfileError(
-            source.place(path), f"the key '{location[-1]}' isn't known here{more}", nearest(location[-1], known)
-        )
-    if item["type"] == "missing":
-        return ProfileError(source.place(path), f"the key '{location[-1]}' is missing{more}", "Add it")
-    cause = item.get("ctx", {}).get("error")
-    if isinstance(cause, OptionError):
-        return ProfileError(source.place(path), f"{cause.problem}{more}", cause.remedy)
-    message = item["msg"].removeprefix("Value error, ")
-    if len(words) > 1:
-        message = f"input should be {' or '.join(words)}"
-    value = item.get("input")
-    huge = isinstance(value, int) and value.bit_length() > 1000  # Python doesn't write such a number
-    plain = isinstance(value, str | int | float | bool) or value is None
-    shown = f", not {repr(value)[:200]}" if plain and not huge else ""
-    return ProfileError(source.place(path), f"{message[0].lower()}{message[1:]}{shown}{more}", "Correct the value")
-
-
-def _location(loc: tuple[int | str, ...]) -> list[str]:
-    return [str(part) for part in loc if not str(part).startswith(_OWN)]
+def first_error(
+    error: ValidationError, source: Source, prefix: str, model: type[BaseModel], given: Any = None
+) -> ProfileError:
+    """Converts pydantic's first error to a ProfileError. `given`: what was validated."""
+    found = refusal(error, given)
+    path = ".".join((prefix, *found.keys) if prefix else found.keys)
+    remedy = found.remedy or CORRECT
+    if found.type == "extra_forbidden":
+        remedy = nearest(found.keys[-1], _known_keys(model, list(found.keys[:-1])))
+    return ProfileError(source.place(path), found.problem, remedy)
 
 
 def _known_keys(model: type[BaseModel], location: list[str]) -> list[str]:

@@ -170,7 +170,10 @@ def test_a_recording_gives_the_same_file_and_a_pose_is_done_again(command: Comma
         (["--option", "parent_tip=0,0,0.1"], "a tip goes with what=points"),
         (["--option", "what=points", "--option", "parent_tip=0,nan,0.1"], "a tip needs finite numbers"),
         (["--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "known points go with what=points"),
-        (["--option", "what=points", "--option", "known=0,0,0;1,0;0,1,0;0,0,1"], "--option known.1.2"),
+        (
+            ["--option", "what=points", "--option", "known=0,0,0;1,0;0,1,0;0,0,1"],
+            "--option known.1: the list is too short",
+        ),
         (["--option", "what=points", "--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "there are 4 known points"),
         (
             ["--option", "what=points", "--option", "count=4", "--option", "known=0,0,0;.2,0,0;.2,.2,0;0,.2,0"],
@@ -208,7 +211,7 @@ def test_wrong_arguments_are_named(
             {"drivers": {"arm": "ur", "mocap": "vicon"}},
             "it was measured with 'arm' by the driver 'ur', now it is 'panda'",
         ),
-        ({"drivers": {}}, "drivers: Dictionary should have at least 1 item"),
+        ({"drivers": {}}, "drivers: it has 0 entries, not at least 1"),
         ({"body": None}, "poses have a body, and points have none"),
         ({"signals": ["mocap.tool.pose"]}, "the signals aren't those of the devices that measured"),
         (

@@ -218,7 +218,7 @@ def test_a_recording_of_another_person_or_that_ended_early_is_refused(
         (["--option", "average=palm_arch"], "wrist_pitch: no shape bends it by a known angle"),
         (["--option", f"average={','.join(NAMES)}"], "no sensor is left to calibrate"),
         (["--option", "device=hand"], "'hand' is no device that is calibrated by 'glove'"),
-        (["--option", "mpj=90"], "--option mpj: Input should be less than or equal to 2"),
+        (["--option", "mpj=90"], "--option mpj: it should be less than or equal to 2"),
         (["--option", "mpj=nan"], "--option mpj"),
         (["--dofs", "swivel"], "--dofs: it is of 'ikns', not of 'glove'"),
         (["--person", "Anna"], "isn't anonymous"),

@@ -202,7 +202,7 @@ def test_wrong_arguments_are_named(
     [
         (lambda made: made.update(heading=90.0), "heading"),
         (lambda made: made.update(format="srl-glove-1"), "format"),
-        (lambda made: made.pop("drifts"), "drifts: field required"),
+        (lambda made: made.pop("drifts"), "drifts: the key 'drifts' is missing"),
     ],
 )
 def test_a_file_that_doesnt_fit_is_refused(

@@ -55,25 +55,25 @@ def _without_site(v: dict[str, Any]) -> None:
 
 
 FAULTS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
-    "a field is missing": (_without_site, r"points\.3\.site: Field required"),
-    "an unknown key": (lambda v: v.update(name="Ada"), "name: Extra inputs are not permitted"),
-    "a name as id": (lambda v: v.update(person="Ada Lovelace"), "person: String should match pattern"),
-    "another format": (lambda v: v.update(format="srl-ikns-9"), "format: Input should be 'srl-ikns-1'"),
+    "a field is missing": (_without_site, r"points\.3\.site: the key 'site' is missing"),
+    "an unknown key": (lambda v: v.update(name="Ada"), "name: the key 'name' isn't known here"),
+    "a name as id": (lambda v: v.update(person="Ada Lovelace"), "person: it should be 1 to 64 letters"),
+    "another format": (lambda v: v.update(format="srl-ikns-9"), "format: it should be 'srl-ikns-1'"),
     "too few numbers": (
         lambda v: v["points"][4]["directions"][1].pop(),
         "point 5 must have directions and travel of 9 numbers",
     ),
     "too few DoFs": (lambda v: v["points"][0]["upper"].pop(), "point 1 must have 2 entries"),
     "an empty range": (lambda v: v["points"][0].update(upper=v["points"][0]["lower"]), "isn't below its upper end"),
-    "no number": (lambda v: v["points"][2].update(wander="NaN"), r"points\.2\.wander: Input should be a finite number"),
+    "no number": (lambda v: v["points"][2].update(wander="NaN"), r"points\.2\.wander: it should be a finite number"),
     "a number that no array holds": (
         lambda v: v["points"][0].update(samples=[10**400, 1]),
-        r"points\.0\.samples\.0: Input should be less than",
+        r"points\.0\.samples\.0: it should be less than",
     ),
     "a cosine of -5": (lambda v: v["points"][1].update(agreement=-5.0), r"points\.1\.agreement: .*equal to -1"),
     "a sine of -5": (lambda v: v["points"][1].update(condition=[-5.0, 1.0]), r"points\.1\.condition\.0: .*equal to 0"),
-    "a share of 7": (lambda v: v.update(still=7.0), "still: Input should be less than or equal to 1"),
-    "less than nothing": (lambda v: v.update(jumps=-1), "jumps: Input should be greater than or equal to 0"),
+    "a share of 7": (lambda v: v.update(still=7.0), "still: it should be less than or equal to 1"),
+    "less than nothing": (lambda v: v.update(jumps=-1), "jumps: it should be greater than or equal to 0"),
     "two joints of one name": (lambda v: v["joints"].__setitem__(1, v["joints"][0]), "a name of its own"),
 }
 
