@@ -1,4 +1,4 @@
-# make setup | demo | test | slow | exhaustive | lint | docs | bench | bench-quick | soak | mutants | licences
+# make setup | demo | test | slow | exhaustive | lint | docs | commands | bench | bench-quick | soak | mutants | licences
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,7 @@ OUT := out
 # Where it is set, each of the tests' thousand processes would compile the whole project anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial exhaustive lint docs bench bench-quick soak mutants licences clean
+.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial exhaustive lint docs commands bench bench-quick soak mutants licences clean
 MUTANTS := approach braking position velocity torque sent samples following verified base loop units
 
 setup: $(VENV)/.ready
@@ -78,6 +78,10 @@ licences: setup
 docs: setup
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/docs
 	@echo "site: $(OUT)/docs/index.html"
+
+# The page of all commands, made of their parsers.
+commands: setup
+	$(BIN)/python -m srl.runtime.cli.reference docs/commands.md
 
 # Ten minutes on a shared two-core machine with nothing else on it; the quick set takes less than three. One that fails is
 # reported, and the rest go on.

@@ -176,7 +176,7 @@ def soak(
         if sim:
             arguments = ["run", name, "--sim", *_set(overrides)]
         else:
-            command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--rate", f"{looks:g}", "--json"]
+            command = [*_first(), *_SRL, "twin", name, *_set(overrides), "--poll", f"{looks:g}", "--json"]
             watched["twins"] = stack.enter_context(_started(command))
             arguments = json.loads(_line(watched["twins"]))["run"]
         stack.enter_context(_started([sys.executable, "-m", "bench.standstill", str(folder)]))

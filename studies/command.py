@@ -11,7 +11,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.contracts import registry, whole_file
 from srl.runtime.contracts.errors import HostError, RequestError
 from srl.studies.cli import COMMANDS
@@ -21,14 +21,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Registers the command."""
     parser = add_command(subparsers, "study", "srl study peg-in-hole --json", COMMANDS)
     parser.add_argument("name", metavar="NAME", help=f"one of: {', '.join(registry.names('studies'))}")
-    parser.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="for pictures and recordings")
+    parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER", help="for pictures and recordings")
     parser.add_argument("--quick", action="store_true", help="fewer persons and shorter tasks, to see that it runs")
     parser.add_argument(
         "--sweep",
         action="store_true",
         help="change what was assumed: how much does each claim depend on it",
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.as_json(parser)
     parser.add_argument(
         "--write", type=Path, metavar="PAGE",
         help="puts the study's tables into this page, between `<!-- NAME: ... -->` and `<!-- end -->`",

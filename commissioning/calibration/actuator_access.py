@@ -38,7 +38,7 @@ class Drive(RowSource):
 
     def __init__(
         self, subset: ProfileSubset, tap: Tap[Any], name: str, record: Path | None, view: bool,
-        screen: Keyed | PanelScreen, report: Callable[[str], None], sim: bool = False,
+        screen: Keyed | PanelScreen, report: Callable[[str], None],
     ) -> None:  # fmt: skip
         """Starts it and waits until it runs.
 
@@ -50,7 +50,6 @@ class Drive(RowSource):
             view: show it in the rerun viewer.
             screen: the terminal's other half, or the panel.
             report: takes a line of text before and after the terminal is taken.
-            sim: run on the simulated device, in real time.
         Raises:
             SrlError: it doesn't start.
         """
@@ -61,7 +60,7 @@ class Drive(RowSource):
         self._rows: RingReader | None = None
         arm = arming.automatic(subset.graph, False)
         self._session = Session(
-            subset, name, sim, arm, False, report, panel=keyed is None, face=keyed, record=record, view=view
+            subset, name, arm, False, report, panel=keyed is None, face=keyed, record=record, view=view
         )
         self._turns = self._session.turns()
         self._over = False

@@ -26,7 +26,12 @@ _IKNS: Final = {"only": "ikns"}
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """What is wanted; the options of `srl calibrate`. `only` in an option's metadata: the kind whose alone it is."""
+    """What is wanted; the options of `srl calibrate`. `only` in an option's metadata: the kind whose alone it is.
+
+    Attributes:
+        sim: a simulated person does it.
+        simulated: the devices that `--sim` names; none where it names none.
+    """
 
     profile: str
     kind: str = "ikns"
@@ -34,6 +39,7 @@ class CalibrationRequest:
     out: Path | None = None
     yes: bool = False
     sim: bool = False
+    simulated: Sequence[str] = ()
     record: Path | None = None
     view: bool = False
     recording: Sequence[Path] | None = None

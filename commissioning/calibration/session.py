@@ -26,7 +26,7 @@ from srl.commissioning.calibration.screen import Report, Screen
 from srl.commissioning.calibration.sources import RowSource, recorded
 from srl.commissioning.calibration.target import check_target, write_record
 from srl.runtime.contracts import registry
-from srl.runtime.contracts.errors import HostError, RequestError, SrlError
+from srl.runtime.contracts.errors import HostError, RequestError, SrlError, nearest
 from srl.runtime.ipc.launch import ANONYMOUS
 from srl.runtime.ipc.run_folder import ROOM, free_bytes
 from srl.runtime.models.models import bodies
@@ -100,6 +100,7 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
     elif request.before:
         raise RequestError("--from", "it goes with --redo", f"Say which {method.thing}: --redo 3")
     made, text = method.subset(request.person or "")
+    _check_simulated(request, checked, made)
     procedure = method.procedure(before)
     for number in request.redo or ():
         if answer := procedure.redo(number):
@@ -111,6 +112,16 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
         finally:
             simulated.close()
     return _live(method, text, request.instance or checked.name, procedure, before, screen)
+
+
+def _check_simulated(request: CalibrationRequest, checked: profile.Profile, made: profile.Profile) -> None:
+    """Raises RequestError: `--sim` names devices that aren't there, or leaves out one that the person needs."""
+    for device in request.simulated:
+        if device not in checked.devices:
+            raise RequestError(f"--sim {device}", "the profile has no such device", nearest(device, checked.devices))
+    if request.simulated and (real := [name for name in made.devices if name not in request.simulated]):
+        problem = f"a simulated person can't move what is real: {', '.join(real)}"
+        raise RequestError("--sim", problem, f"Name it, too ({' '.join(made.devices)}), or no device at all")
 
 
 def _live(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from srl.commissioning.calibration.request import KINDS, CalibrationRequest
 from srl.commissioning.cli import COMMANDS
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.contracts import registry
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "calibrate", "srl calibrate my-arm.yaml ikns --person P07", COMMANDS)
-    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
+    options.profile(parser)
     kinds = dict.fromkeys((*KINDS, *registry.names("calibrations")))
     parser.add_argument("kind", choices=tuple(kinds), help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
@@ -27,7 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
     )
-    parser.add_argument("--sim", action="store_true", help="a simulated person does it, as fast as it goes")
+    options.sim(parser, "a simulated person does it, as fast as it goes; named must be all that it reads")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
     parser.add_argument("--view", action="store_true", help="show a person's motion in rerun, in a browser here")
     parser.add_argument(
@@ -49,21 +49,19 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--points", type=int, metavar="N", help="number of points; default: 10")
     parser.add_argument("--flip", action="append", default=[], metavar="DOF", help="turn its direction round")
     parser.add_argument(
-        "--direction",
-        "--sense",
-        type=Path,
-        metavar="FILE",
+        "--direction", type=Path, metavar="FILE",
         help="keep the direction of this file; default: of the one that is replaced",
-    )
+    )  # fmt: skip
+    options.renamed(parser, "--sense", "--direction")
     parser.add_argument("--actions", metavar="NAMES", help="actions to record, for intention; default: the ten")
     parser.add_argument(
         "--option", action="append", default=[], metavar="KEY=VALUE",
         help="a time of the procedure or a threshold: exploration=30, samples=200 (docs/calibrate.md)",
     )  # fmt: skip
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
-    parser.add_argument("--instance", metavar="NAME", help="name of the run's instance; default: the profile's")
+    options.overrides(parser)
+    options.name(parser)
     parser.add_argument("--panel", action="store_true", help="guided on the page of `srl panel`, not on this terminal")
-    parser.add_argument("--json", action="store_true", help="print the quality report as one JSON object")
+    options.as_json(parser, "print the quality report as one JSON object")
     parser.set_defaults(run=run)
 
 
@@ -79,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
     elif sys.stderr.isatty() and not args.json:
         screen = Terminal(title)
     given = {name: value for name, value in vars(args).items() if name in CalibrationRequest.__dataclass_fields__}
+    given |= {"sim": args.sim is not None, "simulated": args.sim or ()}
     return session.run(CalibrationRequest(**given), screen)
 
 
@@ -89,7 +88,7 @@ def _on_panel(args: argparse.Namespace, title: str) -> Screen:
 
     if args.recording:
         raise RequestError("--panel", "a calibration from recordings isn't guided", "Leave out one of the two")
-    if args.sim:
+    if args.sim is not None:
         problem = "the simulated person needs no page, and is as fast as the machine"
         raise RequestError("--panel", problem, "Leave out one of the two, or calibrate against `srl twin`")
     return PanelScreen(title, lambda text: print(text, file=sys.stderr, flush=True))

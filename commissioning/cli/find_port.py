@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 from srl.commissioning.cli import COMMANDS
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.printable import printable
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.driver import Driver
@@ -40,7 +40,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "opening a port restarts most Arduino boards",
     )
     parser.add_argument("--port", metavar="PORT", help="with --ask: this port alone, whatever it may be")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

@@ -7,26 +7,23 @@ import re
 import sys
 
 from srl.commissioning.cli import COMMANDS
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "jog", "srl jog finger-jog --sim", COMMANDS)
-    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
+    options.profile(parser)
     parser.add_argument("device", nargs="?", help="default: the only one that takes commands")
-    parser.add_argument("--sim", action="store_true", help="simulate all devices, in real time")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
+    options.sim(parser)
+    options.overrides(parser)
     parser.add_argument(
-        "--speed", type=float, default=0.1, metavar="S",
+        "--speed", type=float, default=0.1, metavar="RAD/S",
         help="rad/s, 0.5 at most; joints that slide move at a fifth of it, in m/s; default: 0.1",
     )  # fmt: skip
     parser.add_argument("--step", action="store_true", help="a held key moves once, until it is let go")
-    parser.add_argument("--instance", metavar="NAME", help="name of this instance; default: the profile's")
-    parser.add_argument(
-        "--confirm", action="store_true",
-        help="devices without feedback stand where the profile says (home), nothing is in their way",
-    )  # fmt: skip
+    options.name(parser)
+    options.confirm(parser)
     parser.add_argument(
         "--panel", action="store_true", help="presses come from the page of `srl panel`, not from this terminal"
     )
@@ -60,4 +57,4 @@ def run(args: argparse.Namespace) -> int:
     if args.panel:
         say(f"{name}: jogged on the page of `srl panel {name}`; Ctrl-C ends")
     arm = arming.automatic(made.graph, args.confirm)
-    return Session(made, name, args.sim, arm, args.step, say, args.panel).run()
+    return Session(made, name, arm, args.step, say, args.panel).run()

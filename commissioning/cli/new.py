@@ -204,7 +204,7 @@ def _jogs(graph: Graph, name: str) -> Iterator[str]:
         limits = graph.profile.guard.get(command)
         alone = [f"guard.{command}.clear=null"] if limits is not None and limits.clear is not None else []
         with contextlib.suppress(SrlError):  # such as one of torques
-            subset(*profile.load(name, alone), device, SPEED, sim=False)
+            subset(*profile.load(name, alone), device, SPEED, sim=None)
             line = f"srl jog {shlex.quote(name)}" + f" {device}" * several
             yield line + "".join(f" --set {each}  # nobody wears it or is near it" for each in alone)
 

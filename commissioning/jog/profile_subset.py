@@ -49,6 +49,7 @@ class ProfileSubset:
         speed: rad/s, m/s or the command's own unit, by joint.
         units: of each joint's position: "rad", "m", "1".
         left_out: emergency inputs of the whole profile that aren't there.
+        sim: its devices that are simulated, [] for all; None: none is.
     """
 
     profile: Profile
@@ -58,10 +59,16 @@ class ProfileSubset:
     speed: dict[str, float]
     units: dict[str, str]
     left_out: tuple[str, ...]
+    sim: list[str] | None
+
+    @property
+    def real(self) -> bool:
+        """Whether what is moved is a real device."""
+        return self.graph.devices[self.actuator.device].name not in self.graph.simulated
 
 
 def subset(
-    checked: Profile, source: Source, device: str | None, speed: float, sim: bool, panel: bool = False
+    checked: Profile, source: Source, device: str | None, speed: float, sim: Sequence[str] | None, panel: bool = False
 ) -> ProfileSubset:
     """Cuts a profile to one device.
 
@@ -69,7 +76,7 @@ def subset(
         checked, source: the whole profile.
         device: its name; None: the only one that takes commands.
         speed: rad/s; joints that slide move at a fifth of it, in m/s. The guard's own limit holds, too.
-        sim: all is simulated.
+        sim: the devices that are simulated, [] for all; None: none is.
         panel: the presses come from the operator's panel, which tells of a key that is let go: each moves for less.
     Raises:
         RequestError: there is no such device, several, or the speed is out of bounds.
@@ -83,8 +90,8 @@ def subset(
     if checked.rate < slowest:
         problem = f"at {float(checked.rate):g} Hz a key's press can't be timed"
         raise RequestError(source.place("rate"), problem, f"Jog at {slowest:g} Hz or more: --set rate={slowest:g}")
-    parts = Builder(checked, source, [] if sim else None)
-    name = device if device is not None else _only(parts)
+    parts = Builder(checked, source, sim)
+    name = device if device is not None else _only(parts, sim or ())
     if name not in checked.devices:
         raise RequestError(source.label, f"the profile has no device '{name}'", nearest(name, checked.devices))
     command = _command(parts, name)
@@ -101,10 +108,12 @@ def subset(
     left_out = tuple(entry.signal for i, entry in enumerate(checked.emergency) if i not in stays)
     speeds, law = _law(checked, source, full, command, speed)
     law["hold"] = presses.MOVES if panel else HOLD
-    made, own = _part(checked, source, {name, *(owners[i] for i in stays)}, name, stays, law, sim)
-    graph = wiring.build(made, own, [] if sim else None)
+    made, own = _part(checked, source, {name, *(owners[i] for i in stays)}, name, stays, law, sim is not None)
+    kept = [each for each in sim or () if each in made.devices]
+    here = kept if kept or sim == [] else None  # what is simulated may all be left out
+    graph = wiring.build(made, own, here)
     (actuator,) = graph.actuators
-    return ProfileSubset(made, own, graph, actuator, speeds, _units(command), left_out)
+    return ProfileSubset(made, own, graph, actuator, speeds, _units(command), left_out, here)
 
 
 def _driver(parts: Builder, name: str) -> Driver:
@@ -120,15 +129,16 @@ def _measures(parts: Builder, name: str) -> bool:
     return name in parts.profile.devices and not _driver(parts, name).commands
 
 
-def _only(parts: Builder) -> str:
-    """The only device that takes commands."""
+def _only(parts: Builder, sim: Sequence[str]) -> str:
+    """The only device that takes commands, or the only one of these that `--sim` names."""
     able = []
     for name, entry in parts.profile.devices.items():
         cls = parts.source.load("drivers", entry.driver, f"devices.{name}.driver")
         if cls.takes and not _measures(parts, name):  # a driver's own options may name files, so only where it counts
             able.append(name)
-    if len(able) == 1:
-        return able[0]
+    for found in (able, [name for name in able if name in sim]):
+        if len(found) == 1:
+            return found[0]
     problem = f"{len(able)} of its devices take commands" if able else "none of its devices takes commands"
     remedy = f"Name one: {', '.join(able)}" if able else "Name a profile of a limb"
     raise RequestError(parts.source.label, problem, remedy)

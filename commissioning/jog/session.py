@@ -66,7 +66,7 @@ class Session:
     """
 
     def __init__(
-        self, subset: ProfileSubset, name: str, sim: bool, arm: tuple[bool, str], step: bool,
+        self, subset: ProfileSubset, name: str, arm: tuple[bool, str], step: bool,
         say: Callable[[str], None], panel: bool = False, face: Face | None = None, record: Path | None = None,
         view: bool = False,
     ) -> None:  # fmt: skip
@@ -74,7 +74,6 @@ class Session:
         Args:
             subset: the profile.
             name: the instance's.
-            sim: all is simulated, in real time.
             arm: whether motion may begin without a start, and what is said if not.
             step: a held key moves once.
             say: takes a line of text while the terminal isn't taken.
@@ -88,7 +87,7 @@ class Session:
         self.desk: Desk | None = None
         self.code = 0
         self._panel = panel
-        self._subset, self._name, self._sim, self._say = subset, name, sim, say
+        self._subset, self._name, self._say = subset, name, say
         # Somebody has to read that a switch can't stop this run.
         self._automatic, self._advice = arm[0] and not subset.left_out, arm[1]
         fresh = max(FRESH, 1.5 / float(subset.profile.rate))
@@ -129,13 +128,13 @@ class Session:
             well = False
             before = signal.signal(signal.SIGTSTP, self._suspended)
             try:
-                if not self._sim:  # only what stopped a real limb outlives its run
+                if self._subset.real:  # only what stopped a real limb outlives its run
                     kept = PersistentLatches(state, self._say)
                 found = [] if kept is None else latches.names(kept.latches)
                 source = self._subset.source
                 launch = Launch(
                     source.label, source.text, list(source.overrides), str(source.files.folder),
-                    encoded(source.files.kept), [] if self._sim else None, False, None, self._automatic, found,
+                    encoded(source.files.kept), self._subset.sim, False, None, self._automatic, found,
                     self._record is not None,
                 )  # fmt: skip
                 # No bus: the terminal is the only one who may write the requests.

@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from srl.runtime.cli import add_command, calibrations
+from srl.runtime.cli import add_command, calibrations, options
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.guard import GUARDS
 from srl.runtime.profile import code_files, library, profile, start_mode, wiring
@@ -21,11 +21,11 @@ from srl.runtime.profile.schema import schema
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "check", "srl check sixth-finger")
-    parser.add_argument("profile", nargs="?", help="a name under profiles/, or a path to a YAML file")
-    parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="as for run: simulate these devices, or all")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")
+    options.profile(parser, needed=False)
+    options.sim(parser)
+    options.overrides(parser)
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a profile, for editors")
-    parser.add_argument("--json", action="store_true", help="the wiring as one JSON object")
+    options.as_json(parser, "the wiring as one JSON object")
     parser.set_defaults(run=run)
 
 
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     checked, source = graph.profile, graph.source
     remarks = {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()}
     judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
-    options = listed(checked, graph.devices, graph.controllers, graph.world, judges)
+    listing = listed(checked, graph.devices, graph.controllers, graph.world, judges)
     of_files = calibrations.warnings(source.files.kept, datetime.date.today())
     read = files(checked, graph.devices, graph.controllers, graph.world, judges) | code_files.files(checked, source)
     if args.json:
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
             "remarks": graph.remarks,
             "commands": guards,
             "clearances": remarks,
-            "listed_options": options,
+            "listed_options": listing,
             "listed_limits": {name: listed_limits(graph, name) for name in guards},
         }
         print(json.dumps(content))
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         by = f", measured by {', '.join(t['measured_by'])}" if t["measured_by"] else ""
         print(f"  {t['name']:<34} {t['of']} in {t['into']}, from {t['from']}{by}")
         print(f"    position {place[0]} m, quaternion {place[1]}" + " while what is measured is zero" * bool(by))
-    for path, values in options.items():
+    for path, values in listing.items():
         print(f"  option {path}: {_pairs(values)}")
     for path, file in read.items():
         print(f"  file {path}: {file.path}, sha256 {file.sha256}")

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
-from srl.runtime.cli import add_command, calibrations
+from srl.runtime.cli import add_command, calibrations, options
 from srl.runtime.contracts.errors import RequestError, SrlError
 from srl.runtime.ipc.ring import file_size
 from srl.runtime.loop.process import rows_kept
@@ -26,11 +26,11 @@ _MARKS = {"good": "ok", "doubtful": "??", "bad": "!!"}
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "doctor", "srl doctor sixth-finger")
-    parser.add_argument("profile", nargs="?", help="take the rate, the ports and all else from this profile")
-    parser.add_argument("--rate", help="Hz; default: the profile's, else 100")
+    options.profile(parser, needed=False, text="take the rate, the ports and all else from this profile")
+    parser.add_argument("--rate", metavar="HZ", help="of the loop; default: the profile's, else 100")
     parser.add_argument("--recordings", type=Path, default=Path(), metavar="FOLDER", help="where recordings go")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.overrides(parser)
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

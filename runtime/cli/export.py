@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.status import working
 from srl.runtime.contracts.errors import ProfileError, RequestError
 
@@ -27,7 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "export",
         "srl export run.rrd --parquet run.parquet --mcap run.mcap",
     )
-    parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
+    options.recording(parser)
     parser.add_argument(
         "--rrd", metavar="FILE", type=Path, help="a recording that rerun shows, of segments made where rerun isn't"
     )
@@ -65,7 +65,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--rate", metavar="HZ", help="frames per second; default: the profile's rate for --bvh, 12.5 for --film"
     )
     parser.add_argument("--law", metavar="NAME", help="the law whose inputs are written, where there are several")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

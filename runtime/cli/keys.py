@@ -18,10 +18,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("folder", type=Path, help="where the authority's files are; the first call makes them")
     parser.add_argument("name", help="the certificate's common name: of the service, or of a person or program")
     parser.add_argument(
-        "--host", action="append", default=[], help="for the service: a name or address that clients connect to"
-    )
+        "--host", action="append", default=[], metavar="HOST",
+        help="for the service: a name or address that clients connect to",
+    )  # fmt: skip
     parser.add_argument("--role", choices=ROLES, help="for a client: what it may do")
-    parser.add_argument("--days", type=int, default=365, help="how long it holds good (default 365)")
+    parser.add_argument("--days", type=int, default=365, metavar="N", help="how long it holds good; default: 365")
     parser.set_defaults(run=run)
 
 

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.profile import library
@@ -15,7 +15,7 @@ from srl.runtime.profile import library
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "list", "srl list --json")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

@@ -6,7 +6,7 @@ import argparse
 import signal
 import time
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.instance import choose
 
 POLL = 0.005  # s between looks for new rows
@@ -22,7 +22,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = add_command(
         subparsers, "lsl", "srl lsl sixth-finger --signals glove.position finger.position_command.sent"
     )
-    parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
+    options.instance(parser)
     parser.add_argument(
         "--signals", nargs="+", required=True, metavar="SIGNAL", help="signals, or elements as in glove.position[0]"
     )

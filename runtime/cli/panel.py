@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.instance import choose
 from srl.runtime.contracts.errors import HostError, RequestError
 from srl.runtime.web.operator.client import OperatorPage
@@ -26,18 +26,20 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = add_command(
         subparsers, "panel", "srl panel human-srl",
     )  # fmt: skip
-    parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
+    options.instance(parser)
     parser.add_argument(
-        "--signal", help="the participant's screen with this control value, one number of the loop's rows"
-    )
+        "--signal", metavar="SIGNAL",
+        help="the participant's screen with this control value, one number of the loop's rows",
+    )  # fmt: skip
     parser.add_argument(
         "--span", type=float, nargs=2, metavar=("LOW", "HIGH"),
-        help="values of the signal that are shown as 0 and 100 (default: 0 1)",
+        help="values of the signal that are shown as 0 and 100; default: 0 1",
     )  # fmt: skip
     parser.add_argument("--held", metavar="SIGNAL", help="a signal that isn't zero while the value is held")
-    parser.add_argument("--port", type=int, default=0, help="on 127.0.0.1 (default: any free one)")
+    parser.add_argument("--web-port", type=int, default=0, metavar="N", help="on 127.0.0.1; default: any free one")
+    options.renamed(parser, "--port", "--web-port")
     parser.add_argument(
-        "--recordings", type=Path, metavar="FOLDER", help="whose recordings the panel lists (default: this one)"
+        "--recordings", type=Path, metavar="FOLDER", help="whose recordings the panel lists; default: this one"
     )
     parser.add_argument("--demo", action="store_true", help=f"{TRIALS} trials to try the screen")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="with --demo: stores the trials there")
@@ -56,15 +58,15 @@ def run(args: argparse.Namespace) -> int:
     low, high = args.span or (0.0, 1.0)
     if not np.isfinite([low, high]).all() or low == high:
         raise RequestError("--span", "it needs two different numbers", "For example: --span 0 1")
-    if not 0 <= args.port <= 65535:
-        raise RequestError("--port", f"{args.port} is no port", "Leave it out for any free one")
+    if not 0 <= args.web_port <= 65535:
+        raise RequestError("--web-port", f"{args.web_port} is no port", "Leave it out for any free one")
     if args.out is not None and not args.demo:
         raise RequestError("--out", "there are no trials to store", "Add --demo")
     if args.signal is None:
-        with OperatorPage(choose(args.instance), args.recordings, args.port) as page:
+        with OperatorPage(choose(args.instance), args.recordings, args.web_port) as page:
             print(f"Open this once, in a browser on this machine (Ctrl-C ends):\n  {page.address}", flush=True)
             return _wait(page)
-    with Screen(choose(args.instance), args.signal, (low, high), args.held, args.port) as screen:
+    with Screen(choose(args.instance), args.signal, (low, high), args.held, args.web_port) as screen:
         print(f"Open this once, in the participant's browser (Ctrl-C ends):\n  {screen.address}", flush=True)
         if not args.demo:
             return _wait(screen)

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.contracts.errors import RecordingError, RequestError, SrlError, nearest
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     what.add_argument("--delete", action="store_true", help="delete those of --name or --person; asks first")
     parser.add_argument("--to", metavar="FOLDER", type=Path, help="with --export: where to; default: beside each")
     parser.add_argument("--yes", action="store_true", help="with --delete: don't ask")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

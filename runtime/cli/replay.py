@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.printable import printable
 from srl.runtime.cli.status import working
 from srl.runtime.contracts.errors import RecordingError
@@ -17,7 +16,7 @@ from srl.runtime.loop.replay import perturbed, recorded_code, replay
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "replay", "srl replay hand.rrd --json")
-    parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
+    options.recording(parser)
     parser.add_argument(
         "--perturb", metavar="SIGNAL:CYCLE:AMOUNT", help="move one input sample first: the comparison must then fail"
     )
@@ -25,7 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--run-code", action="store_true", help="run the code that the recording holds, as you would any program"
     )
     parser.add_argument("--show-code", action="store_true", help="print that code, run nothing, and end")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

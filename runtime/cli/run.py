@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from srl.runtime.cli import add_command, on_twins
+from srl.runtime.cli import add_command, on_twins, options
 from srl.runtime.cli.check import check_certificates, check_guards
 from srl.runtime.cli.console import Console
 from srl.runtime.cli.status import Status
@@ -44,8 +44,8 @@ PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps")
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "run", "srl run sixth-finger --sim --duration 20 --record hand.rrd")
-    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
-    parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="simulate these devices; without a name, all")
+    options.profile(parser)
+    options.sim(parser)
     on_twins.add_option(parser)
     parser.add_argument("--fast", action="store_true", help="simulated time as fast as it goes (all devices simulated)")
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds of the loop's time")
@@ -54,18 +54,15 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw what happened, from the recording")
     parser.add_argument("--view", action="store_true", help="show it live in rerun, in a browser on this machine")
     parser.add_argument("--foxglove", action="store_true", help="show it live to Foxglove's app on this machine")
-    parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
-    parser.add_argument("--instance", metavar="NAME", help="name of this instance; default: the profile's")
-    parser.add_argument(
-        "--confirm", action="store_true",
-        help="devices without feedback stand where the profile says (home), nothing is in their way",
-    )  # fmt: skip
+    options.wearer(parser)
+    options.overrides(parser)
+    options.name(parser)
+    options.confirm(parser)
     parser.add_argument(
         "--run-code", action=argparse.BooleanOptionalAction, default=True,
         help="run the code in files that the profile names (a service doesn't, unless its options say so)",
     )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print one summary object at the end")
+    options.as_json(parser, "print one summary object at the end")
     parser.set_defaults(run=run)
 
 

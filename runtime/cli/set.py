@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.instance import choose
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.ipc.run_folder import RunFolder
@@ -16,10 +16,10 @@ from srl.runtime.profile.keys import path
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "set", "srl set sixth-finger mapping.drift_pull 1.5")
-    parser.add_argument("instance", nargs="?", help="default: the only one that runs")
+    options.instance(parser)
     parser.add_argument("parameter", nargs="?", help="as the list names it; left out: lists all")
     parser.add_argument("value", nargs="?", help="one number, in the parameter's unit; left out: lists what is there")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

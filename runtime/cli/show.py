@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.check import check_certificates, check_guards
 from srl.runtime.cli.show_text import SECTIONS, text
 from srl.runtime.contracts.errors import RequestError
@@ -19,15 +19,16 @@ from srl.runtime.profile.bus import BusConfig
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "show", "srl show sixth-finger --sim --png sixth-finger.png")
-    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
-    parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="as for run: simulate these devices, or all")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")
-    parser.add_argument("--png", metavar="FILE.png", type=Path, help="a picture: the wiring and the tree of frames")
+    parser = add_command(subparsers, "show", "srl show sixth-finger --sim --figure sixth-finger.png")
+    options.profile(parser)
+    options.sim(parser)
+    options.overrides(parser)
+    parser.add_argument("--figure", metavar="FILE.png", type=Path, help="draw the wiring and the tree of frames")
+    options.renamed(parser, "--png", "--figure")
     parser.add_argument(
         "--foxglove-layout", metavar="FILE.json", type=Path, help="a layout for Foxglove's app, with this run's topics"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object with all of it")
+    options.as_json(parser, "one JSON object with all of it")
     parser.add_argument(
         "--router", metavar="FILE.json5", type=Path, help="a configuration of ROS 2's router that knows bus.roles"
     )
@@ -39,9 +40,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Prints what the profile is once it is wired, and returns 0. Raises what `srl check` raises."""
-    if args.png is not None and args.png.suffix != ".png":
-        problem = f"the name {args.png} doesn't end in .png"
-        raise RequestError("--png", problem, f"Name it like {args.profile.rpartition('/')[2].partition('.')[0]}.png")
+    if args.figure is not None and args.figure.suffix != ".png":
+        problem = f"the name {args.figure} doesn't end in .png"
+        raise RequestError("--figure", problem, f"Name it like {args.profile.rpartition('/')[2].partition('.')[0]}.png")
     if args.foxglove_layout is not None and args.foxglove_layout.suffix != ".json":
         problem = f"the name {args.foxglove_layout} doesn't end in .json"
         raise RequestError("--foxglove-layout", problem, "Name it like layout.json")
@@ -62,22 +63,22 @@ def run(args: argparse.Namespace) -> int:
             raise RequestError("--router", f"{args.router}: {error.strerror}", "Name a file that can be made") from None
         print(f"{args.router}: for ZENOH_ROUTER_CONFIG_URI, beside ca.pem, router.pem and router.key", file=sys.stderr)
     found = overview(graph, limits_of(graph))
-    if args.png is not None:
+    if args.figure is not None:
         from srl.runtime.pictures.overview_picture import draw_overview
 
-        draw_overview(found, args.png)
+        draw_overview(found, args.figure)
     panels = 0
     if args.foxglove_layout is not None:
         from srl.runtime.export.foxglove_layout import write
 
         panels = write(graph.layout, args.foxglove_layout)
     if args.json:
-        files = {"png": args.png, "foxglove_layout": args.foxglove_layout}
+        files = {"figure": args.figure, "foxglove_layout": args.foxglove_layout}
         print(json.dumps(found | {k: str(v) for k, v in files.items() if v is not None}, allow_nan=False))
         return 0
     print("\n".join(text(found, [args.only] if args.only else list(SECTIONS))))
-    if args.png is not None:
-        print(f"{args.png}: the wiring and the frames")
+    if args.figure is not None:
+        print(f"{args.figure}: the wiring and the frames")
     if args.foxglove_layout is not None:
         print(f"{args.foxglove_layout}: {panels} panels")
     return 0

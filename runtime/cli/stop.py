@@ -6,7 +6,7 @@ import argparse
 import json
 import time
 
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.instance import choose
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc.control_socket import send_request
@@ -19,8 +19,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Registers the three commands."""
     for name in _NAMES:
         parser = add_command(subparsers, name, f"srl {name} sixth-finger")
-        parser.add_argument("instance", nargs="?", help="default: the only one that runs")
-        parser.add_argument("--json", action="store_true", help="print the loop's answer as one JSON object")
+        options.instance(parser)
+        options.as_json(parser, "print the loop's answer as one JSON object")
         if name == "stop":
             parser.add_argument("--exit", action="store_true", help="end the run after the stop")
         parser.set_defaults(run=run, exit=False)

@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from srl.runtime.bus.client import Client, Update, connect
-from srl.runtime.cli import add_command
+from srl.runtime.cli import add_command, options
 from srl.runtime.cli.instance import choose
 from srl.runtime.contracts.errors import NoAnswerError, RequestError
 from srl.runtime.profile.keys import path
@@ -34,9 +34,9 @@ _PHASES = ("read", "control", "guard", "write", "log")
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "top", "srl top sixth-finger")
-    parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
+    options.instance(parser)
     parser.add_argument("--once", action="store_true", help="print one frame as plain text")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options.as_json(parser)
     parser.set_defaults(run=run)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from srl.runtime.cli import add_command, wearer
+from srl.runtime.cli import add_command, options, wearer
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
 from srl.runtime.contracts.world import Fake, Twin, World
@@ -35,17 +35,21 @@ LAST_WORDS = 50_000_000  # ns, how long the twins still hear what was sent befor
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "twin", "srl twin sixth-finger")
-    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
+    options.profile(parser)
     parser.add_argument("devices", nargs="*", metavar="DEVICE", help="default: all that have a twin")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
-    parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
+    options.overrides(parser)
+    options.wearer(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds; default: at Ctrl-C")
-    parser.add_argument("--speed", type=float, default=1.0, help="seconds of the world in a second; default 1")
-    parser.add_argument("--rate", type=float, default=RATE, metavar="HZ", help="of looks at the ports; default 1000")
-    parser.add_argument("--link", type=Path, metavar="DIR", help="keep a symlink DIR/DEVICE to each port")
+    parser.add_argument(
+        "--pace", type=float, default=1.0, metavar="N", help="seconds of the world in a second; default: 1"
+    )
+    options.renamed(parser, "--speed", "--pace")
+    parser.add_argument("--poll", type=float, default=RATE, metavar="HZ", help="looks at the ports; default: 1000")
+    options.renamed(parser, "--rate", "--poll")
+    parser.add_argument("--link", type=Path, metavar="FOLDER", help="keep a symlink FOLDER/DEVICE to each port")
     parser.add_argument("--log", type=Path, metavar="FILE.npz", help="save what happened at the end (docs/twins.md)")
     parser.add_argument("--control", action="store_true", help="take faults from standard input (docs/twins.md)")
-    parser.add_argument("--json", action="store_true", help="one JSON line with the addresses, one with the figures")
+    options.as_json(parser, "one JSON line with the addresses, one with the figures")
     parser.set_defaults(run=run)
 
 
@@ -122,7 +126,7 @@ def make_twins(graph: Graph, names: list[str]) -> dict[str, Twin]:
 def _serve(
     world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None, late: _Late
 ) -> None:
-    clock = MonotonicClock(Fraction(args.rate))
+    clock = MonotonicClock(Fraction(args.poll))
     control = _Control(twins, args.json) if args.control else None
     clock.start()
     start = clock.tick.deadline
@@ -137,7 +141,7 @@ def _serve(
         for due in range(tick.deadline - tick.missed * clock.period, tick.deadline + 1, clock.period):
             if ended:
                 break  # a machine that is too slow for the world would never be done
-            world.advance(round((due - start) * args.speed))
+            world.advance(round((due - start) * args.pace))
             for twin in twins.values():
                 twin.service(due)
             late.served(due)
@@ -152,7 +156,7 @@ def _serve(
                 _say(f"{name} is at {twin.address}" if twin.address else f"{name} is gone", args.json)
     # What a client had sent before the end is still on its way through the port.
     for last in range(due, due + LAST_WORDS, clock.period):
-        world.advance(round((last - start) * args.speed))
+        world.advance(round((last - start) * args.pace))
         for twin in twins.values():
             twin.service(last)
 
@@ -317,10 +321,10 @@ def _serial(twin: Twin, name: str) -> Any:
 def _check_arguments(args: argparse.Namespace) -> None:
     if args.duration is not None and not args.duration > 0:
         raise RequestError("--duration", f"{args.duration} s is no duration", "Give a number above 0")
-    if not 0 < args.speed <= 10:
-        raise RequestError("--speed", f"{args.speed:g} isn't above 0 and up to 10", "1 is real time")
-    if not 100 <= args.rate <= 10_000:
-        raise RequestError("--rate", f"{args.rate:g} Hz isn't from 100 to 10000", "1000 suits all devices")
+    if not 0 < args.pace <= 10:
+        raise RequestError("--pace", f"{args.pace:g} isn't above 0 and up to 10", "1 is real time")
+    if not 100 <= args.poll <= 10_000:
+        raise RequestError("--poll", f"{args.poll:g} Hz isn't from 100 to 10000", "1000 suits all devices")
     if args.link is not None and not args.link.is_dir():
         raise RequestError("--link", f"there is no folder {args.link}", "Make it first")
     if args.log is not None and (args.log.suffix != ".npz" or not args.log.absolute().parent.is_dir()):

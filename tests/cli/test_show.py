@@ -257,8 +257,8 @@ def test_it_refuses_what_a_check_refuses_in_the_same_words(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--png", "wiring.pdf"], "doesn't end in .png"),
-        (["--png", "no/such/folder.png"], "can't be written"),
+        (["--figure", "wiring.pdf"], "doesn't end in .png"),
+        (["--figure", "no/such/folder.png"], "can't be written"),
         (["--json", "--frames"], "Leave one of the two out"),
     ],
 )

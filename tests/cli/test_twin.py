@@ -100,8 +100,8 @@ def test_ctrl_c_is_no_error():
         (["no-such-profile"], "no profile has this name"),
         (["sixth-finger", "thumb"], "has no device 'thumb'"),
         (["sixth-finger", "--duration", "0"], "is no duration"),
-        (["sixth-finger", "--speed", "-1"], "isn't above 0"),
-        (["sixth-finger", "--rate", "10"], "isn't from 100 to 10000"),
+        (["sixth-finger", "--pace", "-1"], "isn't above 0"),
+        (["sixth-finger", "--poll", "10"], "isn't from 100 to 10000"),
         (["sixth-finger", "--link", "/no/such/folder"], "there is no folder"),
         (["sixth-finger", "--log", "log.csv"], "isn't a .npz"),
     ],
@@ -164,7 +164,7 @@ def test_a_machine_too_slow_for_the_world_leaves_no_client_without_service(monke
     monkeypatch.setattr(cli_twin, "time", fake)
     served: list[int] = []
     device = SimpleNamespace(address="", service=lambda due: served.append(fake.now))
-    args = SimpleNamespace(duration=8.0, speed=1.0, rate=1000.0, control=False, json=False)
+    args = SimpleNamespace(duration=8.0, pace=1.0, poll=1000.0, control=False, json=False)
     late = cli_twin._Late()
     cli_twin._serve(Laboured(fake), {"device": device}, args, [], None, late)  # type: ignore[arg-type, dict-item]
     assert max(np.diff(served)) < 10_000_000

@@ -200,14 +200,15 @@ class ServoMethod(DeviceMethod[ChannelMap, Calibrated]):
     @cached_property
     def driven(self) -> ProfileSubset:
         """What `srl jog` would run of the profile, and the marks' law. Raises SrlError."""
-        made = jog_subset(*self._without_file(), self._device, self._plan.speed, self.request.sim, self.request.panel)
+        sim = [] if self.request.sim else None
+        made = jog_subset(*self._without_file(), self._device, self._plan.speed, sim, self.request.panel)
         plain, _ = profile.tree(made.source.label, made.source.text, made.source.overrides, made.source.files)
         plain["controllers"].append(self._marked())
         for part in ((plain.get("sim") or {}).get("parts") or {}).values():
             if part.get("part") == _HAND:  # it would play its own plan, and push the limb
                 part["wearer"] = {"instructed": True}
         own, text = parsed(plain, made.source, [])
-        graph = wiring.build(own, text, [] if self.request.sim else None)
+        graph = wiring.build(own, text, sim)
         (actuator,) = graph.actuators
         return replace(made, profile=own, source=text, graph=graph, actuator=actuator)
 

@@ -196,5 +196,5 @@ def listen(port: int) -> socket.socket:
     except OSError as error:
         made.close()
         problem = f"the page can't be served here: {error.strerror}"
-        raise HostError(f"{HOST}:{port}", problem, "Give another --port, or none") from None
+        raise HostError(f"{HOST}:{port}", problem, "Give another --web-port, or none") from None
     return made

@@ -351,3 +351,13 @@ def test_the_simulated_glove_of_a_shipped_profile_is_calibrated(tmp_path: Path) 
 
 def procedure_of() -> Procedure:
     return Procedure(NAMES, Plan(read=1.0), Angles(), Thresholds())
+
+
+@pytest.mark.parametrize(
+    ("sim", "words"),
+    [(["glov"], "--sim glov: the profile has no such device. Did you mean 'glove'"),
+     (["finger"], "--sim: a simulated person can't move what is real: glove. Name it, too")],
+)  # fmt: skip
+def test_sim_names_what_the_person_moves(sim: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "sixth-finger", "glove", "--person", "P07", "--out", "x.json", "--sim", *sim]) == 2
+    assert words in capsys.readouterr().err

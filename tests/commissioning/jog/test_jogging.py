@@ -26,7 +26,7 @@ PROFILES = ["servo-jog", "finger-jog", "hand-jog", "ur-jog", "base-jog"]
 
 
 def made(name: str, *overrides: str, speed: float = 0.1, device: str | None = None) -> ProfileSubset:
-    return subset(*profile.load(name, overrides), device, speed, True)
+    return subset(*profile.load(name, overrides), device, speed, [])
 
 
 class Run:
@@ -236,7 +236,7 @@ def test_no_stop_sends_the_limb_home() -> None:
     switch = "emergency=[{signal: panel.buttons, element: red, category: retract}]"
     given = (*homes, BUTTONS, switch, "stop.finger=retract", "faults={bus-loss: retract, intent-loss: retract}")
     whole = profile.load("servo-jog", given)
-    found = subset(*whole, None, 0.1, False).profile
+    found = subset(*whole, None, 0.1, None).profile
     assert whole[0].stop["finger"] is Stop.RETRACT
     assert found.stop["finger"] is Stop.HOLD
     assert (found.faults.bus_loss, found.faults.intent_loss) == ("stop", "stop")
@@ -254,7 +254,7 @@ BUTTONS = "devices.panel={driver: firmata, port: /dev/ttyACM1, buttons: {red: {p
 
 def test_emergency_inputs_stay_with_devices_that_only_measure() -> None:
     switch = "emergency=[{signal: panel.buttons, element: red}, {signal: client.position, element: distal}]"
-    found = subset(*profile.load("servo-jog", (BUTTONS, switch)), None, 0.1, False)
+    found = subset(*profile.load("servo-jog", (BUTTONS, switch)), None, 0.1, None)
     assert set(found.profile.devices) == {"finger", "panel"}
     assert [entry.signal for entry in found.profile.emergency] == ["panel.buttons"]
     assert found.left_out == ("client.position",)
@@ -296,3 +296,17 @@ def test_the_command_says_what_is_wrong(arguments: Sequence[str], words: str) ->
 def test_without_a_terminal_it_doesnt_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", None)
     assert "standard input is no terminal" in refused("jog", "servo-jog", "--sim")
+
+
+@pytest.mark.parametrize(
+    ("sim", "here", "real"),
+    [(None, None, True), ([], [], False), (["finger"], ["finger"], False), (["glove"], None, True)],
+)
+def test_named_devices_alone_are_simulated(sim: list[str] | None, here: list[str] | None, real: bool) -> None:
+    found = subset(*profile.load("sixth-finger"), "finger", 0.1, sim)
+    assert (found.sim, found.real) == (here, real)
+
+
+def test_a_simulated_device_that_isnt_there_is_named() -> None:
+    with pytest.raises(SrlError, match=r"--sim fingr.*'fingr'.*Did you mean 'finger'"):
+        subset(*profile.load("sixth-finger"), "finger", 0.1, ["fingr"])

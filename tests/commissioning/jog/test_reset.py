@@ -44,7 +44,7 @@ class Run:
     """A stopped run of a limb that nothing measures. `terminal`: has the keys."""
 
     def __init__(self, name: str, *overrides: str, terminal: bool = False) -> None:
-        self.subset = subset(*profile.load(name, overrides), None, 0.1, True, panel=not terminal)
+        self.subset = subset(*profile.load(name, overrides), None, 0.1, [], panel=not terminal)
         self.session = Session(self.subset, name, True, (True, ""), False, lambda _: None, panel=not terminal)
         layout = self.subset.graph.layout
         self.row = np.zeros(layout.width, np.int64)
@@ -89,7 +89,7 @@ class Loop:
     """The loop of a simulated jog run, which has begun to move. `origin`: whoever asks, it judges alike."""
 
     def __init__(self, name: str, *overrides: str) -> None:
-        self.subset = subset(*profile.load(name, overrides), None, 0.1, True)
+        self.subset = subset(*profile.load(name, overrides), None, 0.1, [])
         self.run = lockstep(self.subset.graph)
         self.link = self.subset.graph.row.devices[
             self.subset.actuator.device : self.subset.actuator.device + 1, DEVICE.link
@@ -163,7 +163,7 @@ def test_a_whole_profile_goes_home_unless_it_says_otherwise() -> None:
 
 def test_a_switch_that_this_run_does_not_read_keeps_its_stop() -> None:
     switch = "emergency=[{signal: client.position, element: distal}]"
-    found = subset(*profile.load("servo-jog", [switch]), None, 0.1, True)
+    found = subset(*profile.load("servo-jog", [switch]), None, 0.1, [])
     assert found.left_out
     cycle = Cycle(found.graph, limits_of(found.graph), True, Latch.EMERGENCY)
     for kind in (RequestKind.RESET, RequestKind.START):

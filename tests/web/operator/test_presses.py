@@ -109,7 +109,7 @@ def test_the_socket_is_for_user_and_group(folder: RunFolder, end: Presses) -> No
 
 @pytest.mark.parametrize("name", ["servo-jog", "finger-jog", "ur-jog"])
 def test_a_held_jog_ends_within_a_tenth_of_a_second_of_the_last_picture(name: str) -> None:
-    made = subset(*profile.load(name, []), None, 0.1, True, panel=True)
+    made = subset(*profile.load(name, []), None, 0.1, [], panel=True)
     lockstep, row = Lockstep(made.graph), made.graph.row
     period = 1.0 / float(made.profile.rate)
     hold = Hold(tuple(made.speed), FRESH)

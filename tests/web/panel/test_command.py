@@ -34,8 +34,8 @@ def test_the_demonstrations_curves_can_be_shown_and_begin_flat() -> None:
     ("options", "words"),
     [
         (["--signal", "x"], "no instance"), (["--signal", "x", "--span", "1", "1"], "--span"),
-        (["--signal", "x", "--span", "nan", "1"], "--span"), (["--signal", "x", "--port", "70000"], "--port"),
-        (["--signal", "x", "--out", "here"], "--demo"), ([], "no instance"), (["--port", "-1"], "--port"),
+        (["--signal", "x", "--span", "nan", "1"], "--span"), (["--signal", "x", "--web-port", "70000"], "--web-port"),
+        (["--signal", "x", "--out", "here"], "--demo"), ([], "no instance"), (["--web-port", "-1"], "--web-port"),
         (["--demo"], "Add --signal"), (["--span", "0", "1"], "Add --signal"), (["--held", "x"], "Add --signal"),
         (["--signal", "x", "--recordings", "."], "--recordings"),
     ],

@@ -335,7 +335,7 @@ def test_the_death_of_the_process_is_said(loop: MadeUpLoop) -> None:
 
 @pytest.mark.slow
 def test_a_taken_port_and_a_missing_signal_are_said(loop: MadeUpLoop) -> None:
-    with listen(0) as taken, pytest.raises(HostError, match="--port"):
+    with listen(0) as taken, pytest.raises(HostError, match="--web-port"):
         Screen(loop.folder, SIGNAL, port=taken.getsockname()[1])
     with pytest.raises(RecordingError, match=r"law\.c"):
         Screen(loop.folder, "law.nothing")
