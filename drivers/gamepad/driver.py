@@ -49,6 +49,7 @@ class Gamepad(Sensor):
     Config = GamepadConfig
     summary = "Logitech F310 gamepad in X mode (Linux input device)"
     gives = ("axes", "dpad", "buttons")
+    among_inputs = ("auto",)
     max_age = 0.1
 
     def __init__(self, name: str, config: GamepadConfig) -> None:

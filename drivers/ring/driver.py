@@ -63,6 +63,7 @@ class Ring(Sensor):
     Config = RingConfig
     summary = "ring with one push button (Bluetooth remote, or serial with heartbeat)"
     gives = ("buttons", "presses")
+    among_inputs = ("input",)
     max_age = 0.3
 
     def __init__(self, name: str, config: RingConfig) -> None:

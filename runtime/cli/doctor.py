@@ -12,10 +12,12 @@ from fractions import Fraction
 from pathlib import Path
 
 from srl.runtime.cli import add_command, calibrations, options
+from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import RequestError, SrlError
 from srl.runtime.ipc.ring import file_size
 from srl.runtime.loop.process import rows_kept
 from srl.runtime.profile import profile, wiring
+from srl.runtime.profile.source import Source
 from srl.runtime.service.fitness.finding import Finding
 from srl.runtime.service.host import Wanted, examine, python
 from srl.runtime.service.supervisor import state_dir
@@ -71,12 +73,13 @@ def _rate(text: str) -> Fraction:
 def _of(name: str, overrides: list[str], wanted: Wanted, rate: Fraction | None) -> tuple[Wanted, list[Finding]]:
     """What a profile asks of the host, and what is found of the profile itself and its files. Raises ProfileError."""
     checked, source = profile.load(name, overrides)
-    ports = {n: str(d.options["port"]) for n, d in checked.devices.items() if "port" in d.options}
+    ports, inputs = _ports(checked, source)
     wanted = dataclasses.replace(
         wanted,
         rate=rate or checked.rate,
         state=state_dir(checked.name),
         ports=ports,
+        inputs=inputs,
         listens=checked.bus.listen if checked.bus is not None else (),
     )
     findings = [*_certificates(checked)]
@@ -94,6 +97,20 @@ def _of(name: str, overrides: list[str], wanted: Wanted, rate: Fraction | None) 
         for warning in (*graph.warnings, *of_files)
     ]
     return dataclasses.replace(wanted, buses=buses, rows=rows), findings
+
+
+def _ports(checked: profile.Profile, source: Source) -> tuple[dict[str, str], dict[str, str]]:
+    """The ports by device, and apart from them those of the kernel's input devices."""
+    ports, inputs = dict[str, str](), dict[str, str]()
+    for name, entry in checked.devices.items():
+        cls = registry.load("drivers", entry.driver, source.place(f"devices.{name}.driver"))
+        default = cls.Config.model_fields["port"].default if "port" in cls.Config.model_fields else None
+        port = entry.options.get("port", default)
+        if port in cls.among_inputs or str(port).startswith("/dev/input/"):
+            inputs[name] = str(port)
+        elif "port" in entry.options:
+            ports[name] = str(port)
+    return ports, inputs
 
 
 def _certificates(checked: profile.Profile) -> Iterator[Finding]:

@@ -124,6 +124,8 @@ class Driver(ABC):
     # USB numbers of the device or of the adapter that usually carries it, for `srl find-port`: "2341:0043", or the
     # vendor's alone where its products are many. They tell a person what a port may be; nothing is opened by them.
     usb: tuple[str, ...] = ()
+    # Words of `port` for which it looks among the kernel's input devices, for `srl doctor`.
+    among_inputs: tuple[str, ...] = ()
     max_age: float = 0.0
     # Its links that move with its joints; frames of the profile may hang on `DEVICE/LINK`. Its base has its own name.
     links: tuple[str, ...] = ()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
-from srl.runtime.service.fitness import can, network, processor, serial, storage, unit
+from srl.runtime.service.fitness import can, events, network, processor, serial, storage, unit
 from srl.runtime.service.fitness.finding import Finding
 
 
@@ -20,6 +20,7 @@ class Wanted:
     Attributes:
         rate: of the loop, Hz.
         ports: by device name, the port of each device that has one.
+        inputs: the same of the devices that are input devices of the kernel (gamepads, rings).
         buses: bit rate by the URL of each CAN bus, bit/s.
         rows: bytes of the run's rows, in memory.
         state: the folder of what outlives a reboot.
@@ -31,6 +32,7 @@ class Wanted:
     state: Path
     recordings: Path
     ports: Mapping[str, str] = field(default_factory=dict)
+    inputs: Mapping[str, str] = field(default_factory=dict)
     buses: Mapping[str, float] = field(default_factory=dict)
     rows: int = 0
     listens: tuple[str, ...] = ()
@@ -50,6 +52,7 @@ def examine(wanted: Wanted) -> Iterator[Finding]:
     yield processor.laws()
     yield unit.service()
     yield from serial.ports(wanted.ports)
+    yield from events.inputs(wanted.inputs)
     yield from serial.latency(wanted.rate)
     yield from serial.rules(wanted.ports)
     yield from can.interfaces(wanted.buses)

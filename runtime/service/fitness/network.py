@@ -90,8 +90,9 @@ def _way(name: str, host: ipaddress.IPv4Address) -> Finding:
     if route.flags & _GATEWAY:
         return Finding(
             what, "doubtful", f"{host} is reached through the router {route.gateway} at {route.interface}",
-            "Put the device on a cable of its own, and give that interface an address in its network",
-            f"sudo ip addr add {mine} dev {route.interface}",
+            f"Put the device on a cable of its own, and give that cable's interface ({route.interface} is the way out) "
+            "an address in its network (ip -br link names it)",
+            f"sudo ip addr add {mine} dev INTERFACE",
         )  # fmt: skip
     return Finding(what, "good", f"{host} is at {route.interface}")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import resource
 import shlex
 import sys
@@ -22,6 +23,9 @@ from srl.runtime.service.fitness.finding import Finding, read
 
 _CAP_IPC_LOCK = 14  # linux/capability.h
 _ENOUGH = 1 << 30  # bytes of locked memory
+_MODE = "/sys/kernel/debug/sched/preempt"
+_BOOTED = "/proc/cmdline"
+_PREEMPTIBLE, _FASTER = "preemptible, not PREEMPT_RT", "For 1 kHz beside heavy I/O take an RT kernel"
 _GOVERNORS = "/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
 
 
@@ -30,9 +34,35 @@ def kernel() -> Finding:
     version = os.uname().version
     if "PREEMPT_RT" in version:
         return Finding("kernel", "good", "PREEMPT_RT")
+    if "PREEMPT_DYNAMIC" in version:
+        return _switched(_mode())
     if "PREEMPT" in version:
-        return Finding("kernel", "good", "preemptible, not PREEMPT_RT", "For 1 kHz beside heavy I/O take an RT kernel")
-    return Finding("kernel", "doubtful", "not preemptible", "Boot with preempt=full, or take an RT kernel")
+        return Finding("kernel", "good", _PREEMPTIBLE, _FASTER)
+    return Finding("kernel", "doubtful", "not preemptible", "Take a kernel with CONFIG_PREEMPT, or an RT kernel")
+
+
+def _switched(mode: str) -> Finding:
+    """A kernel whose boot option says whether it can be interrupted."""
+    if mode in ("full", "lazy"):
+        return Finding("kernel", "good", f"{_PREEMPTIBLE} (preempt={mode})", _FASTER)
+    if mode:
+        return Finding("kernel", "doubtful", f"not preemptible now (preempt={mode})", "Boot with preempt=full")
+    return Finding(
+        "kernel", "doubtful", "it can be preemptible, and only root may read whether it is",
+        "If this doesn't say (full), boot with preempt=full", f"sudo cat {_MODE}",
+    )  # fmt: skip
+
+
+def _mode() -> str:
+    """The mode of a PREEMPT_DYNAMIC kernel: none, voluntary, full or lazy; "" if this user can't know it."""
+    if found := re.search(r"\((\w+)\)", read(_MODE)):
+        return found[1]
+    if given := re.findall(r"(?:^|\s)preempt=(\w+)", read(_BOOTED)):
+        return str(given[-1])
+    for name, mode in (("PREEMPT_NONE", "none"), ("PREEMPT_VOLUNTARY", "voluntary"), ("PREEMPT", "full")):
+        if re.search(rf"^CONFIG_{name}=y$", read(f"/boot/config-{os.uname().release}"), re.MULTILINE):
+            return mode
+    return ""
 
 
 def rights() -> Iterator[Finding]:

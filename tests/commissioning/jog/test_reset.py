@@ -45,7 +45,7 @@ class Run:
 
     def __init__(self, name: str, *overrides: str, terminal: bool = False) -> None:
         self.subset = subset(*profile.load(name, overrides), None, 0.1, [], panel=not terminal)
-        self.session = Session(self.subset, name, True, (True, ""), False, lambda _: None, panel=not terminal)
+        self.session = Session(self.subset, name, (True, ""), False, lambda _: None, panel=not terminal)
         layout = self.subset.graph.layout
         self.row = np.zeros(layout.width, np.int64)
         self.row[CYCLE.state], self.row[CYCLE.wake] = State.STOPPED, 1234
