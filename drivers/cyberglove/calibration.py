@@ -242,7 +242,7 @@ def _guided(path: Path, text: str, sensors: int) -> Calibration:
 def _refused(path: Path, error: ValidationError, remedy: str) -> ProfileError:
     """The error of a file whose values don't fit."""
     first = refusal(error)
-    return ProfileError(first.at(str(path)), first.problem, remedy)
+    return ProfileError(first.at(str(path)), first.problem, first.remedy_or(remedy))
 
 
 # The lines of the sensors in the vendor's file, counted from 0, in the record's order (§6).

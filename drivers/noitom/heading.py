@@ -25,7 +25,7 @@ def load(file: KeptFile) -> SuitRecord:
         raise ProfileError(place, str(error), remedy) from None
     except ValidationError as error:
         first = refusal(error)
-        raise ProfileError(first.at(place), first.problem, _AGAIN) from None
+        raise ProfileError(first.at(place), first.problem, first.remedy_or(_AGAIN)) from None
     except (ValueError, RecursionError) as error:
         problem = f"it is no JSON: {error}" if isinstance(error, ValueError) else "it is nested too deeply"
         raise ProfileError(place, problem, _AGAIN) from None

@@ -129,6 +129,11 @@ class Client:
             time.sleep(0.02)
         which = "srl instance" if instance is None else f"instance '{instance}'"
         remedy = f"Is the service running? Alive there: {', '.join(found) or 'none that this client may see'}"
+        if not found and self._endpoint.startswith("tls/"):
+            remedy = (
+                "The certificate is accepted: either the service has just ended, or the certificate's name has no role "
+                "in its profile. Add it to `bus.roles` there, and start the service again"
+            )
         raise NoAnswerError(f"bus ({self._endpoint})", f"no {which} is alive there", remedy)
 
     def _role(self) -> str:

@@ -84,6 +84,6 @@ def renamed(parser: argparse.ArgumentParser, old: str, new: str) -> None:
     """Still takes the old spelling of an option that the parser has by its new name. It isn't in the help."""
     now = parser._option_string_actions[new]
     parser.add_argument(
-        old, action=_Renamed, dest=now.dest, const=new, nargs=now.nargs, type=now.type, choices=now.choices,
+        old, action=_Renamed, dest=now.dest, const=new, nargs=now.nargs, type=now.type or str, choices=now.choices,
         default=now.default, help=argparse.SUPPRESS,
     )  # fmt: skip

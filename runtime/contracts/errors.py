@@ -17,6 +17,10 @@ def _line(text: str, most: int = 1000) -> str:
     return text if len(text) <= most else f"{text[:most]} ..."
 
 
+def _sentence(text: str) -> str:
+    return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
 class SrlError(Exception):
     """Something outside this program is wrong.
 
@@ -31,11 +35,15 @@ class SrlError(Exception):
         super().__init__(self.place, self.problem, self.remedy)
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.problem}. {self.remedy}."
+        return f"{self.place}: {_sentence(self.problem)} {_sentence(self.remedy)}"
 
 
 class ProfileError(SrlError):
     """The profile's text is wrong: syntax, an unknown key, a value out of its range."""
+
+
+class MissingError(ProfileError):
+    """A profile names a driver, a law or another part that no installed package brings."""
 
 
 class OptionError(ValueError):

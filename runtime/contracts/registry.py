@@ -13,7 +13,7 @@ from typing import Any
 
 from srl.runtime.contracts import extras
 from srl.runtime.contracts.declared import declared
-from srl.runtime.contracts.errors import HostError, ProfileError, nearest
+from srl.runtime.contracts.errors import HostError, MissingError, nearest
 
 
 def names(group: str) -> list[str]:
@@ -29,12 +29,12 @@ def load(group: str, name: str, place: str) -> Any:
         name: as a profile writes it.
         place: the profile's key path, for the error.
     Raises:
-        ProfileError: no part has that name.
+        MissingError: no part has that name.
         HostError: the part is registered but its import fails, or two packages claim the name.
     """
     points = _points(group, tuple(sys.path))
     if name not in points:
-        raise ProfileError(place, f"no {_one(group)} is called '{name}'", nearest(name, points))
+        raise MissingError(place, f"no {_one(group)} is called '{name}'", nearest(name, points))
     point, *others = points[name]
     if others:
         problem = f"'{name}' is claimed twice, by {point.value} and {others[0].value}"

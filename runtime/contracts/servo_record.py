@@ -135,7 +135,7 @@ def read(file: KeptFile) -> ServoRecord:
         raise ProfileError(place, str(error), remedy) from None
     except ValidationError as error:
         first = refusal(error)
-        raise ProfileError(first.at(place), first.problem, AGAIN) from None
+        raise ProfileError(first.at(place), first.problem, first.remedy_or(AGAIN)) from None
     except (ValueError, RecursionError) as error:
         problem = "it is nested too deeply" if isinstance(error, RecursionError) else f"it is no JSON: {error}"
         raise ProfileError(place, problem, AGAIN) from None

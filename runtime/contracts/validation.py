@@ -24,6 +24,8 @@ _EXPECTED: Final = {
     "path_type": "a file's path",
 }
 """What a value of a type should be, by pydantic's word for the error."""
+_NEWER: Final = "newer"
+_FORMAT: Final = re.compile(r"(srl-[a-z-]+)-(\d+)")
 _CHOICES: Final = ("enum", "literal_error")
 _PATTERNS: Final = {
     r"^[a-z][a-z0-9_-]*$": "a lower-case letter, then lower-case letters, digits, - and _",
@@ -69,6 +71,10 @@ class Refusal:
         """The place with the key path, if there is one."""
         return f"{place}: {self.path}" if self.keys else place
 
+    def remedy_or(self, remedy: str) -> str:
+        """The remedy: the caller's, but for a file that only a newer srl reads."""
+        return self.remedy if self.type == _NEWER else remedy
+
 
 def refusal(error: ValidationError, given: Any = None) -> Refusal:
     """What `error` says first. `given`: what was validated, by which its keys are told from pydantic's own words."""
@@ -89,9 +95,22 @@ def refusal(error: ValidationError, given: Any = None) -> Refusal:
     cause = item.get("ctx", {}).get("error")
     if isinstance(cause, OptionError):
         return Refusal(keys, f"{cause.problem}{more}", cause.remedy, item["type"])
+    if (newer := _newer(keys, item)) is not None:
+        return newer
     same = [words for k, i in meant if k == keys and (words := _expected(i)) is not None]
     message = f"it should be {' or '.join(dict.fromkeys(same))}" if same else _message(item)
     return Refusal(keys, f"{message}{_shown(item)}{more}", "", item["type"])
+
+
+def _newer(keys: tuple[str, ...], item: ErrorDetails) -> Refusal | None:
+    """The refusal of a file whose `format` is a later one of the same kind, srl-ikns-2; None where it isn't so."""
+    if keys[-1:] != ("format",) or item["type"] not in _CHOICES:
+        return None
+    given, known = (_FORMAT.fullmatch(str(text).strip("'")) for text in (item["input"], item["ctx"]["expected"]))
+    if given is None or known is None or given[1] != known[1] or int(given[2]) <= int(known[2]):
+        return None
+    problem = f"it is of the format {given[0]}, and this version of srl reads {known[0]}"
+    return Refusal(keys, problem, "Use the newer srl that wrote it, or calibrate again with this one", _NEWER)
 
 
 def _expected(item: ErrorDetails) -> str | None:

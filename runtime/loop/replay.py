@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from srl.runtime import __version__
 from srl.runtime.contracts import provenance
 from srl.runtime.contracts.code_file import CodeError
 from srl.runtime.contracts.compiled import PYTHON, Backend, available
-from srl.runtime.contracts.errors import ProfileError, RecordingError, WiringError
+from srl.runtime.contracts.errors import MissingError, ProfileError, RecordingError, WiringError
 from srl.runtime.contracts.files import Files, KeptFile, decoded
 from srl.runtime.contracts.signals import Limits
 from srl.runtime.contracts.validation import refusal
@@ -44,6 +45,7 @@ _COPIED = [CYCLE.cycle, CYCLE.now, CYCLE.dt, CYCLE.overruns]
 _MACHINES = (Answer.DONE, Answer.REFUSED_STATE, Answer.REFUSED_FAULT, Answer.REFUSED_LATCH)
 
 
+_INSTALL = "Install the package that brings it, as on the machine that recorded this"
 _DAMAGED = "Use another recording"
 
 
@@ -211,7 +213,9 @@ def rebuilt(layout: Layout, place: str, simulated: list[str], run_code: bool = F
         raise RecordingError(place, problem, error.remedy) from None
     except (ProfileError, WiringError) as error:
         problem = f"this version of srl doesn't take the recorded profile: {error.place}: {error.problem}"
-        raise RecordingError(place, problem, _remedy(layout)) from None
+        # What isn't installed has its own remedy; another version of srl wouldn't have it either.
+        remedy = _INSTALL if isinstance(error, MissingError) else _remedy(layout)
+        raise RecordingError(place, problem, remedy) from None
 
 
 def recorded_code(layout: Layout, place: str) -> dict[str, KeptFile]:
@@ -230,7 +234,8 @@ def _profile(layout: Layout, place: str, run_code: bool) -> tuple[profile.Profil
 
 
 def _remedy(layout: Layout) -> str:
-    return f"Use srl-runtime {layout.meta['versions'].get('srl-runtime', '?')}"
+    then, now = layout.meta["versions"].get("srl-runtime", "?"), __version__
+    return f"Use srl-runtime {then}" + " as it was at that time: this is a later state of it" * (then == now)
 
 
 def _rebuild(layout: Layout, place: str, run_code: bool) -> tuple[Graph, Cycle]:

@@ -63,4 +63,4 @@ def write(path: Path, record: BaseModel) -> None:
 def refused(place: str, error: ValidationError, remedy: str) -> RecordError:
     """The error of a record whose values don't fit."""
     first = refusal(error)
-    return RecordError(first.at(place), first.problem, remedy)
+    return RecordError(first.at(place), first.problem, first.remedy_or(remedy))

@@ -108,3 +108,8 @@ def test_no_error_of_a_profile_has_a_word_of_the_library(profile: str, path: str
             said = f"{error.place}: {error.problem}"
             assert not OWN.search(said.replace(value, "")), said
     assert refusals > len(WRONG) / 2
+
+
+def test_a_remedy_that_asks_ends_as_a_question() -> None:
+    assert str(SrlError("bus", "nobody is there", "Is it running?")) == "bus: nobody is there. Is it running?"
+    assert str(SrlError("bus", "it has ended.", "Start it")) == "bus: it has ended. Start it."

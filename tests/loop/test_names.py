@@ -92,3 +92,16 @@ def test_a_recording_of_a_profile_that_went_by_places_is_refused_with_words(tmp_
     layout.meta["profile"] = layout.meta["profile"].replace("element: first", "index: 0")
     with pytest.raises(RecordingError, match=r"emergency.0: `index: 0` is a place.*Use srl-runtime"):
         replay(layout, b.rows()[:-1], "toy")
+
+
+def test_what_isnt_installed_is_named_in_place_of_another_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load = registry.load
+    monkeypatch.setattr(registry, "load", _load)
+    b = Bench(tmp_path)
+    b.run(10, lambda k: None)
+    monkeypatch.setattr(registry, "load", load)  # which has no toy
+    with pytest.raises(RecordingError, match=r"no driver is called 'toy'\. Install the package") as caught:
+        replay(b.graph.layout, b.rows()[:-1], "toy")
+    assert "srl-runtime" not in str(caught.value)

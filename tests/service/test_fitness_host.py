@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -75,10 +76,8 @@ def test_a_profiles_pad_is_an_input_and_no_serial_port(
 
 
 def test_no_address_is_typed_onto_the_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        network, "_routes",
-        lambda: iter([network._Route("wan0", ipaddress.IPv4Network("0.0.0.0/0"), ipaddress.IPv4Address("10.0.0.1"), 3)]),
-    )  # fmt: skip
+    out = network._Route("wan0", ipaddress.IPv4Network("0.0.0.0/0"), ipaddress.IPv4Address("10.0.0.1"), 3)
+    monkeypatch.setattr(network, "_routes", lambda: iter([out]))
     (way,) = (f for f in network.devices({"arm": "tcp://172.16.0.2:1337"}) if f.what == "network of arm")
     assert (way.verdict, way.command) == ("doubtful", "sudo ip addr add 172.16.0.3/24 dev INTERFACE")
     assert "wan0 is the way out" in way.remedy
@@ -88,6 +87,5 @@ def test_the_service_waits_for_the_network_and_may_read_input_devices() -> None:
     unit = (ROOT / "deploy" / "srl@.service").read_text()
     assert "Wants=network-online.target\nAfter=network-online.target\n" in unit
     assert "SupplementaryGroups=dialout input\n" in unit
-    groups = {line.split('GROUP="')[1].split('"')[0] for line in (ROOT / "deploy" / "99-srl.rules").read_text().splitlines()
-              if 'GROUP="' in line}  # fmt: skip
-    assert groups <= {"dialout", "input", "srl"}
+    rules = (ROOT / "deploy" / "99-srl.rules").read_text()
+    assert set(re.findall(r'GROUP="(\w+)"', rules)) <= {"dialout", "input", "srl"}

@@ -200,7 +200,7 @@ class ServoMethod(DeviceMethod[ChannelMap, Calibrated]):
     @cached_property
     def driven(self) -> ProfileSubset:
         """What `srl jog` would run of the profile, and the marks' law. Raises SrlError."""
-        sim = [] if self.request.sim else None
+        sim: list[str] | None = [] if self.request.sim else None
         made = jog_subset(*self._without_file(), self._device, self._plan.speed, sim, self.request.panel)
         plain, _ = profile.tree(made.source.label, made.source.text, made.source.overrides, made.source.files)
         plain["controllers"].append(self._marked())

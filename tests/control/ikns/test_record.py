@@ -58,7 +58,7 @@ FAULTS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "a field is missing": (_without_site, r"points\.3\.site: the key 'site' is missing"),
     "an unknown key": (lambda v: v.update(name="Ada"), "name: the key 'name' isn't known here"),
     "a name as id": (lambda v: v.update(person="Ada Lovelace"), "person: it should be 1 to 64 letters"),
-    "another format": (lambda v: v.update(format="srl-ikns-9"), "format: it should be 'srl-ikns-1'"),
+    "another format": (lambda v: v.update(format="srl-glove-1"), "format: it should be 'srl-ikns-1'"),
     "too few numbers": (
         lambda v: v["points"][4]["directions"][1].pop(),
         "point 5 must have directions and travel of 9 numbers",
@@ -83,6 +83,12 @@ def test_a_fault_is_named_with_its_place(fault: str, made: tuple[Path, Record], 
     edited(made[0], FAULTS[fault][0], tmp_path / "bad.json")
     with pytest.raises(RecordError, match=rf"bad\.json.*{FAULTS[fault][1]}.*Calibrate again"):
         read(tmp_path / "bad.json")
+
+
+def test_a_file_of_a_newer_srl_is_no_reason_to_calibrate_at_once(made: tuple[Path, Record], tmp_path: Path) -> None:
+    edited(made[0], lambda v: v.update(format="srl-ikns-2"), tmp_path / "new.json")
+    with pytest.raises(RecordError, match=r"format: it is of the format srl-ikns-2.*Use the newer srl that wrote it"):
+        read(tmp_path / "new.json")
 
 
 def test_a_number_that_was_changed_by_hand_is_refused(made: tuple[Path, Record], tmp_path: Path) -> None:
