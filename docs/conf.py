@@ -45,7 +45,7 @@ napoleon_use_ivar = True
 
 # The side bar. Each page of docs/ is in one of them (tests/test_docs.py).
 GROUPS = {
-    "Start": ["install", "half-hour", "so101", "profiles", "compared"],
+    "Start": ["install", "half-hour", "so101", "profiles", "commands", "compared"],
     "Safety": ["safety", "guard", "collision"],
     "Worn limbs": ["worn-arm", "skeleton", "independent-operation", "intention", "ikns-finger", "strap-base"],
     "Control laws": ["signal-laws", "object-mapping", "ikns", "super-man", "arm-laws", "whole-body-qp", "compiled"],

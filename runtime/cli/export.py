@@ -40,9 +40,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--bids", metavar="FOLDER", type=Path, help="a data set in BIDS-Motion, made or added to")
     parser.add_argument("--person", metavar="ID", help="with --bids: whose it is, where the recording doesn't say")
     parser.add_argument("--bvh", metavar="FILE", type=Path, help="the moving skeleton (law skeleton)")
-    parser.add_argument(
-        "--run-code", action="store_true", help="with --bvh: run the code that the recording holds (srl replay)"
-    )
+    options.run_code(parser, False)
     parser.add_argument("--page", metavar="FILE.png", type=Path, help="with --bvh: a picture of the file's text")
     parser.add_argument("--tree", metavar="FILE.png", type=Path, help="a picture of the skeleton's node tree")
     parser.add_argument("--stills", metavar="FILE.png", type=Path, help="pictures at ten instants, side by side")

@@ -55,6 +55,15 @@ def recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
 
 
+def run_code(parser: argparse.ArgumentParser, default: bool) -> None:
+    """Whether code that a profile names, or that a recording holds, is run."""
+    parser.add_argument(
+        "--run-code", action=argparse.BooleanOptionalAction, default=default,
+        help="run the code in files that the profile names, as you would run any program; that of a recording isn't "
+        "run without this",
+    )  # fmt: skip
+
+
 def as_json(parser: argparse.ArgumentParser, text: str = "one JSON object") -> None:
     """Output for programs."""
     parser.add_argument("--json", action="store_true", help=text)

@@ -20,9 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--perturb", metavar="SIGNAL:CYCLE:AMOUNT", help="move one input sample first: the comparison must then fail"
     )
-    parser.add_argument(
-        "--run-code", action="store_true", help="run the code that the recording holds, as you would any program"
-    )
+    options.run_code(parser, False)
     parser.add_argument("--show-code", action="store_true", help="print that code, run nothing, and end")
     options.as_json(parser)
     parser.set_defaults(run=run)

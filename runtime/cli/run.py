@@ -58,10 +58,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     options.overrides(parser)
     options.name(parser)
     options.confirm(parser)
-    parser.add_argument(
-        "--run-code", action=argparse.BooleanOptionalAction, default=True,
-        help="run the code in files that the profile names (a service doesn't, unless its options say so)",
-    )  # fmt: skip
+    options.run_code(parser, True)
     options.as_json(parser, "print one summary object at the end")
     parser.set_defaults(run=run)
 

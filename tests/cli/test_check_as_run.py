@@ -36,7 +36,7 @@ WHOLE = "person: P01\ndate: 2026-11-23\nhand: right\nsensors: {}\n"
     ("text", "words"),
     [
         (None, ["there is no file"]),
-        ("a: 1\n", ["hand.yaml", "person", "field required", "docs/devices/cyberglove.md"]),
+        ("a: 1\n", ["hand.yaml", "'a' isn't known", "docs/devices/cyberglove.md"]),
         ("person: P01\nsensors: {\n", ["hand.yaml", "line", "valid YAML"]),
         (WHOLE, ["hand.yaml: sensors.thumb_roll", "the sensor is missing"]),
     ],

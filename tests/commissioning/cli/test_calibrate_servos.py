@@ -103,7 +103,7 @@ def test_hidden_trims_senses_and_scales_are_found(made: Path) -> None:
 
 def test_a_run_goes_where_it_is_told_only_with_the_file(made: Path) -> None:
     def off(*overrides: str) -> float:
-        run = subset(*profile.load(str(made / "tip.yaml"), overrides), None, 0.1, True)
+        run = subset(*profile.load(str(made / "tip.yaml"), overrides), None, 0.1, [])
         lockstep, graph = Lockstep(run.graph), run.graph
         terminal = graph.row.devices[graph.layout.devices.index("terminal")]
         terminal[DEVICE.link] = LINK_CONNECTED

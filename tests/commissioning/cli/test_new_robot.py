@@ -71,7 +71,7 @@ def test_a_strangers_urdf_becomes_a_limb_that_moves(
     assert main(arguments(style, actuators)) == 0
     assert "srl jog mine.yaml --sim" in capsys.readouterr().out
     checked, source = profile.load("mine.yaml")
-    assert subset(checked, source, "arm", SPEED, sim=True).graph.simulated == ["arm"]
+    assert subset(checked, source, "arm", SPEED, sim=[]).graph.simulated == ["arm"]
     robot = checked.models["limb"].robot
     with Lab("mine.yaml") as lab:
         start = moved_on(lab, robot, seconds=2.5, off=0.1)

@@ -154,7 +154,7 @@ def test_a_held_jog_ends_within_a_tenth_of_a_second_of_the_last_picture(name: st
 
 def test_a_loop_that_is_too_slow_to_end_a_jog_in_time_is_refused() -> None:
     with pytest.raises(RequestError, match="100 Hz or more"):
-        subset(*profile.load("servo-jog", ["rate=50"]), None, 0.1, True, panel=True)
+        subset(*profile.load("servo-jog", ["rate=50"]), None, 0.1, [], panel=True)
 
 
 def test_steps_are_for_a_terminal() -> None:
