@@ -89,7 +89,7 @@ def as_typed(line: str) -> list[str]:
 
 def parses(parser: argparse.ArgumentParser, line: str) -> bool:
     """Whether srl takes it; a mention such as `srl run --json` may leave out its subject, of one word or two."""
-    for more in ([], ["sixth-finger"], ["folder", "name"], ["--signals", "hand.angles"]):
+    for more in ([], ["sixth-finger"], ["folder", "name"]):
         try:
             parser.parse_args(as_typed(line) + more)
         except (SystemExit, argparse.ArgumentError):

@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> list[argparse.Action]:
 def page() -> str:
     """The page's text."""
     found = parsers()
-    links = (f"- [`srl {name}`](#srl-{name}): {_cell((p.description or '').rstrip('.'))}" for name, p in found.items())
+    links = (f"- [srl {name}](#srl-{name}): {_cell((p.description or '').rstrip('.'))}" for name, p in found.items())
     return "\n".join((HEAD, *links, *(line for name, parser in found.items() for line in _section(name, parser)), ""))
 
 
