@@ -5,6 +5,7 @@ Who may only read comes last, in a queue of its own: a flood of reading takes no
 
 from __future__ import annotations
 
+import json
 import queue
 import sys
 import time
@@ -37,6 +38,21 @@ def came_of(what: Any, otherwise: int) -> int:
     given = getattr(what, "attachment", None)
     content = b"" if given is None else given.to_bytes()
     return int.from_bytes(content, "little", signed=True) if len(content) == 8 else otherwise
+
+
+def from_sender(name: str) -> bytes:
+    """The attachment of a parameter's change: what its sender calls itself."""
+    return json.dumps({"from": name}).encode()
+
+
+def sender_of(query: zenoh.Query) -> str:
+    """What the sender of a parameter's change calls itself; "" if it doesn't say."""
+    try:
+        content = json.loads(b"" if query.attachment is None else query.attachment.to_bytes())
+    except (ValueError, RecursionError):
+        return ""
+    name = content.get("from") if isinstance(content, dict) else None
+    return name if isinstance(name, str) else ""
 
 
 class Arrivals:

@@ -285,12 +285,13 @@ class Client:
         """The parameter's value, lower, upper, unit, text and default. Raises RequestError."""
         return self._ask(self.keys.parameter(name))
 
-    def set_param(self, name: str, value: float) -> dict[str, Any]:
+    def set_param(self, name: str, value: float, sender: str = "") -> dict[str, Any]:
         """Sets a parameter and returns once the loop has taken it.
 
         Args:
             name: as in `parameters`, e.g. "object-mapping.drift_pull".
             value: one number within the parameter's bounds, in its unit.
+            sender: who changes it, for the event that tells of it.
         Raises:
             NoAnswerError: nobody answered. It says whether the value may have been set.
             RequestError: it is refused, or `value` isn't one number.
@@ -298,7 +299,8 @@ class Client:
         key = self.keys.parameter(name)
         if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
             raise RequestError(key, f"a parameter takes one number, not {value!r:.60}", "Set each parameter by itself")
-        return self._ask(key, json.dumps(float(value)).encode(), messages.JSON)
+        named = arrivals.from_sender(sender) if sender else None
+        return self._ask(key, json.dumps(float(value)).encode(), messages.JSON, named)
 
     def setpoint(self, name: str, values: Any, answer: bool = False) -> None:
         """Sends a setpoint to the loop. It is valid for the setpoint's `max_age`.

@@ -22,7 +22,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from srl.runtime.bus import refusals
-from srl.runtime.bus.arrivals import Arrivals
+from srl.runtime.bus.arrivals import Arrivals, sender_of
 from srl.runtime.bus.status import Counts
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.contracts.field import Field
@@ -66,6 +66,7 @@ class Pending:
     values: Array | None
     until: int  # CLOCK_MONOTONIC ns
     origin: Origin
+    sender: str = ""  # of a parameter: what it calls itself
 
 
 class Requests:
@@ -189,7 +190,7 @@ class Requests:
         except RequestError as error:
             self._refuse(query, key, error)
             return
-        self._pass_on(Pending(query, key, RequestKind.PARAMETER, index, values, until, origin))
+        self._pass_on(Pending(query, key, RequestKind.PARAMETER, index, values, until, origin, sender_of(query)))
 
     def _value(self, row: NDArray[np.int64], index: int) -> float:
         return float(self._layout.value(row[np.newaxis], self._parameters[index]["name"])[0])
@@ -298,8 +299,8 @@ class Requests:
             self._fill()
 
     def _send(self, pending: Pending) -> None:
-        number = self._ring.send(pending.kind, pending.until, pending.target, pending.values, pending.origin)
-        self._underway[number] = pending
+        p = pending
+        self._underway[self._ring.send(p.kind, p.until, p.target, p.values, p.origin, p.sender)] = p
 
     def _fill(self) -> None:
         while self._waiting and len(self._underway) < UNDERWAY:

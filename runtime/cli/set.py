@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
         chosen = known if args.parameter is None else {name: known[name] for name in [_one(args.parameter, known)]}
         if value is not None:
             (name,) = chosen
-            chosen[name] |= {"before": chosen[name]["value"]} | client.set_param(name, value)
+            chosen[name] |= {"before": chosen[name]["value"]} | client.set_param(name, value, "srl set")
     if args.json:
         print(json.dumps({"instance": folder.path.name, "parameters": chosen}))
         return 0

@@ -4,7 +4,8 @@ The bus checks a request before it writes it. The loop repeats the checks that c
 not expired). The answer needs no channel of its own: the loop writes the request's number and its result into
 the row of the cycle that took it, and the sender reads it there.
 
-Record (int64 words): id, kind, target, expires (CLOCK_MONOTONIC ns), count, origin, then `VALUES` float64 words.
+Record (int64 words): id, kind, target, expires (CLOCK_MONOTONIC ns), count, origin, then `VALUES` float64 words. For a
+parameter the last `NAME` of these are the sender's name for itself, UTF-8, zero-padded.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import CLIENTS, Origin
 from srl.runtime.ipc.ring import RingReader, RingWriter
 
 VALUES = 64
+NAME = 4  # words
 _HEAD = 6
 WIDTH = _HEAD + VALUES
 CAPACITY = 1024
@@ -73,7 +76,10 @@ class Answer(IntEnum):
 
 @dataclass(slots=True)
 class Request:
-    """One request. `id` is its number in the ring; 0 for one that came another way."""
+    """One request. `id` is its number in the ring; 0 for one that came another way.
+
+    `sender`: what the sender of a parameter calls itself; "" for none. Nobody checks it: it is for people alone.
+    """
 
     id: int
     kind: RequestKind
@@ -81,6 +87,7 @@ class Request:
     expires: int
     values: Array
     origin: Origin
+    sender: str = ""
 
 
 class RequestWriter:
@@ -103,8 +110,12 @@ class RequestWriter:
         target: int = 0,
         values: Array | None = None,
         origin: Origin = Origin.BUS,
+        sender: str = "",
     ) -> int:
-        """Appends a record; returns its id (the ring's sequence number). `origin`: one of CLIENTS."""
+        """Appends a record; returns its id (the ring's sequence number).
+
+        `origin`: one of CLIENTS. `sender`: of a parameter alone; a long one is cut.
+        """
         count = 0 if values is None else values.size
         if count > VALUES:
             raise ValueError(f"{count} values in one request; {VALUES} at most")
@@ -112,6 +123,9 @@ class RequestWriter:
         self._words[:_HEAD] = number, kind, target, expires, count, origin
         if values is not None:
             self._values[:count] = values.ravel()
+        if kind is RequestKind.PARAMETER:
+            name = sender.encode(errors="replace")[: 8 * NAME].ljust(8 * NAME, b"\0")
+            self._words[-NAME:] = np.frombuffer(name, np.int64)
         self._ring.append(self._words)
         return number
 
@@ -140,6 +154,7 @@ class RequestReader:
                 int(row[3]),
                 row[_HEAD : _HEAD + int(row[4])].view(np.float64),
                 Origin(int(row[5])),
+                _sender(row) if int(row[1]) == RequestKind.PARAMETER else "",
             )
             for row in rows
         ]
@@ -147,3 +162,9 @@ class RequestReader:
     def close(self) -> None:
         """Unmaps the file."""
         self._ring.close()
+
+
+def _sender(row: NDArray[np.int64]) -> str:
+    """The name in a parameter's record, without what isn't printed."""
+    name = row[-NAME:].tobytes().rstrip(b"\0").decode(errors="replace")
+    return "".join(c for c in name if c.isprintable())

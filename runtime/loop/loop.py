@@ -16,7 +16,7 @@ from srl.runtime.ipc.ring import RingWriter
 from srl.runtime.loop.clock import Clock
 from srl.runtime.loop.cycle import Cycle, by_itself
 from srl.runtime.loop.device import Device
-from srl.runtime.loop.monitors import Refusals, described, refusal
+from srl.runtime.loop.monitors import ParameterChanges, Refusals, described, refusal
 from srl.runtime.loop.request_queue import PendingRequest, RequestQueue
 from srl.runtime.profile.graph import Graph
 
@@ -44,6 +44,7 @@ class Loop:
         self.commanded = [d for d in devices if d.actuators]
         self.refusals = Refusals(cycle.report)
         self.remark = cycle.report  # takes the text of an event that is no warning
+        self.changes = ParameterChanges(graph.layout.meta["parameters"])
         self._started = False  # whether a start or reset was granted in this cycle
         # Keeps the supervisor's stop frames current. Not for a device that this write lost: its frame was for a
         # connection that is gone, and its driver belongs to the thread that opens it again.
@@ -88,6 +89,10 @@ class Loop:
             for text in self.requests.notes:
                 self.cycle.report(text)
             self.refusals.turn(tick.now)
+            for request, before in self.requests.changed:
+                self.changes.add(request, before)
+            for text in self.changes.due(tick.now):
+                self.remark(text)
             if self._started:  # after the row, which holds what this cycle saw
                 self._started = False
                 self.requests.forget_setpoints()

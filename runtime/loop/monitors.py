@@ -5,8 +5,9 @@ Each reads the row alone, so a replay finds the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, nan
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from srl.runtime.contracts.signals import Array
 from srl.runtime.guard import CommandGuard
 from srl.runtime.guard.verified import VerifiedStop
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_STALE, Origin
-from srl.runtime.ipc.requests import Answer, RequestKind
+from srl.runtime.ipc.requests import Answer, Request, RequestKind
 from srl.runtime.profile.graph import Actuator, Graph
 
 LONGEST = 2.0  # s of the same, after which it is the device's fault
@@ -25,7 +26,7 @@ HELD = 0.25  # s of being held, and of not being held, after which it is reporte
 RELEASED = 50_000_000  # ns for which it was released before a press counts: a contact that is let go bounces, too
 BURST = 5  # requests that may come at once
 REFILL = 200_000_000  # ns after which one more may come
-REPORT_EVERY = 1_000_000_000  # ns between two events about refusals
+REPORT_EVERY = 1_000_000_000  # ns between two events about refusals, or about one parameter
 
 
 class CommandDelivery:
@@ -267,6 +268,36 @@ class Refusals:
         if self._count and now >= self._next:
             self._report(f"refused: {self._last}" + (f"; {self._count} since the last such event" * (self._count > 1)))
             self._count, self._next = 0, now + REPORT_EVERY
+
+
+class ParameterChanges:
+    """Who changed which parameter, from what to what: told at once, and then at most once a second for each."""
+
+    def __init__(self, parameters: Sequence[Mapping[str, Any]]) -> None:
+        """`parameters`: those of the layout, in the order of the requests' targets."""
+        self._parameters = parameters
+        self._waiting: dict[int, tuple[float, float, str]] = {}  # by target: from, to, who
+        self._next = [0] * len(parameters)  # ns
+
+    def add(self, request: Request, before: float) -> None:
+        """A request has changed its target, which was `before`."""
+        value, origin = float(request.values[0]), request.origin.name.lower()
+        who = f"'{request.sender}' ({origin})" if request.sender else f"a client ({origin})"
+        first = self._waiting.get(request.target, (before,))[0]
+        self._waiting[request.target] = first, value, who
+
+    def due(self, now: int) -> list[str]:
+        """Texts of events that are due. Called once a cycle; `now` in ns."""
+        if not self._waiting:
+            return []
+        found = []
+        for target in [t for t in self._waiting if now >= self._next[t]]:
+            before, value, who = self._waiting.pop(target)
+            name, unit = (self._parameters[target][key] for key in ("name", "unit"))
+            said = "" if unit == "1" else f" {unit}"
+            found.append(f"parameter '{name}': {before:.6g} -> {value:.6g}{said}, changed by {who}")
+            self._next[target] = now + REPORT_EVERY
+        return found
 
 
 def refusal(kind: RequestKind, origin: Origin, uid: int, answer: Answer) -> str:

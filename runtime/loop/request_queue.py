@@ -57,6 +57,7 @@ class RequestQueue:
         end_asked: set by a signal handler, at any instant: the run shall end.
         refused: requests that were refused since the last cycle and take no cycle of their own.
         dropped: number of requests since the last cycle for which there was no room.
+        changed: parameters' requests that were carried out since the last cycle, each with the value before.
         notes: texts of the service's processes since the last cycle, each for an event. They change nothing.
         supervisor: the process whose datagrams are the service's own.
     """
@@ -85,6 +86,7 @@ class RequestQueue:
         self.end_asked = False
         self._noted = TokenBucket()
         self.refused: list[PendingRequest] = []
+        self.changed: list[tuple[Request, float]] = []
         self.notes: list[str] = []
         self.dropped = 0
         self.supervisor = os.getppid()
@@ -96,6 +98,7 @@ class RequestQueue:
         `stops_only`: this cycle has another request already, before which only a stop may come.
         """
         self.refused.clear()
+        self.changed.clear()
         self.notes.clear()
         self.dropped = 0
         if self.end_asked:
@@ -250,6 +253,7 @@ class RequestQueue:
         view, lower, upper = self._parameters[request.target]
         if not lower <= request.values[0] <= upper:  # the comparison is false for NaN, too
             return Answer.REFUSED_VALUE
+        self.changed.append((request, float(view[()])))
         view[()] = request.values[0]
         return Answer.DONE
 

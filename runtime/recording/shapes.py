@@ -20,11 +20,14 @@ from srl.runtime.ipc.layout import Layout
 
 Colors = NDArray[np.uint8]
 Color = tuple[int, int, int]
+SHADED: Final = ("capsules", "gaps")  # visuals whose colours are those of distances
 JOINTED: Final = ("points", "skeleton", "robot")  # visuals that are points, with or without links
-# Okabe and Ito's colours without black, for a dark background.
+# Okabe and Ito's colours without black and the darker blue, for a dark background, then others that differ from them.
 PALETTE: Final[tuple[Color, ...]] = (
-    *((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0), (70, 130, 200)),
+    *((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0)),
+    *((150, 120, 245), (150, 205, 70), (0, 200, 205), (190, 140, 95), (245, 130, 130), (200, 206, 212)),
 )
+PERSON: Final[Color] = (208, 194, 180)  # a person's body, where it is drawn as one
 # A distance's colours, from the same set: red touches, yellow is near, green is far. Linear between them.
 RAMP: Final = ((0.0, (213, 94, 0)), (0.1, (240, 228, 66)), (0.3, (0, 158, 115)))  # m
 UNKNOWN: Final[Color] = (150, 150, 150)  # a distance that isn't known
@@ -56,7 +59,8 @@ def _shows(f: Field) -> bool:
 def color_numbers(fields: Sequence[Field]) -> dict[str, tuple[int, ...]]:
     """For each signal, the number of its colour, one a row; one alone where all rows have the same.
 
-    Signals take the colours in turn, first those whose rows are grouped: each group takes one.
+    Signals take the colours in turn, first those whose rows are grouped: each group takes one. Those that distances
+    colour take none.
     """
     found: dict[str, tuple[int, ...]] = {}
     taken = 0
@@ -66,7 +70,7 @@ def color_numbers(fields: Sequence[Field]) -> dict[str, tuple[int, ...]]:
             found[field.name] = tuple(taken + names.index(name) for name in field.groups)
         else:
             found[field.name] = (taken,)
-        taken += max(len(names), 1)
+        taken += 0 if field.visual in SHADED else max(len(names), 1)
     return found
 
 

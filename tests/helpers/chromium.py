@@ -20,6 +20,12 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 TIMEOUT = 30.0  # s for one answer
 
 
+NO_WEBGL = """const context = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+      return kind.startsWith("webgl") ? null : context.call(this, kind, ...rest);
+    };"""  # as a browser that has none
+
+
 def found() -> str:
     """The browser's path. The test is skipped where there is none."""
     for name in NAMES:
@@ -59,9 +65,13 @@ class Chromium:
         finally:
             self._end()
 
-    def open(self, url: str) -> Page:
-        """Opens a page in a tab of its own."""
-        return Page(self._wait(self._connect()), self._wait).go(url)
+    def open(self, url: str, before: str = "") -> Page:
+        """Opens a page in a tab of its own. `before`: a script that runs before the page's own."""
+        page = Page(self._wait(self._connect()), self._wait)
+        if before:
+            page.ask("Page.enable")
+            page.ask("Page.addScriptToEvaluateOnNewDocument", source=before)
+        return page.go(url)
 
     def _lives(self) -> None:
         assert self._process.poll() is None, "Chromium has ended"

@@ -47,7 +47,7 @@ class Parameters:
         try:
             if self._client is None:
                 self._client = connect(self._folder)
-            return float(self._client.set_param(name, value)["value"])
+            return float(self._client.set_param(name, value, "the panel")["value"])
         except RequestError:
             self.close()  # the next one finds a bus that was started again
             raise

@@ -26,6 +26,7 @@ from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.web.operator import health, jogging
 from srl.runtime.web.operator.control import LAPSE, Control
+from srl.runtime.web.operator.event_words import described
 from srl.runtime.web.operator.guiding import Guiding
 from srl.runtime.web.operator.parameters import Parameters
 from srl.runtime.web.panel.peer import BadMessageError, Peer, number
@@ -35,7 +36,7 @@ MOVES: Final = ("start", "reset")
 FLOOD: Final = 400  # messages of a page within a second, above which it is let go; a held jog makes 60
 LOOK: Final = 0.5  # s between looks whether the run takes presses
 CHECK: Final = 0.5  # s between looks whether the control still stands
-EVENTS: Final = 5  # events that are shown
+EVENTS: Final = 20  # events that are shown
 _SECOND: Final = 1_000_000_000  # ns
 _NO_ANSWER: Final = "the loop didn't answer within 2 s. Use the hardware stop; then look at `srl top`"
 _ON_TERMINAL: Final = "this run is jogged on its terminal. Reset it there, with the key r"
@@ -62,7 +63,8 @@ class OperatorServer(PictureServer):
         self._joints: list[dict[str, Any]] = []
         self._takes, self._looked = False, 0.0
         self._events: EventReader | None = None
-        self._messages: deque[str] = deque(maxlen=EVENTS)
+        self._messages: deque[dict[str, Any]] = deque(maxlen=EVENTS)
+        self._told = 0  # events so far
 
     # What is told
 
@@ -79,7 +81,8 @@ class OperatorServer(PictureServer):
         if now >= self._looked:
             self._looked, self._takes = now + LOOK, jogging.takes_presses(self._folder)
             for event in self._events.take() if self._events is not None else ():
-                self._messages.append(event.text)
+                self._told += 1
+                self._messages.append(described(self._told, event))
         return {
             "health": health.state(layout, row), "devices": health.devices(layout, row),
             "values": Parameters.values(layout, row), "events": list(self._messages),

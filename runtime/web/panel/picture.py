@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import asdict
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -14,8 +15,10 @@ from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.rows import Rows
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.profile.plots import Plot, joint_plots, profile_plots
-from srl.runtime.recording.shapes import PALETTE, RAMP, colors, distance_colors
-from srl.runtime.recording.solids import Solids
+from srl.runtime.recording.readable import said
+from srl.runtime.recording.shapes import PALETTE, PERSON, RAMP, UNKNOWN, Color, Placing, colors
+from srl.runtime.recording.solids import Solids, Thing
+from srl.runtime.web.panel import three
 from srl.runtime.web.panel.pages import KEEP, PageServer
 from srl.runtime.web.panel.peer import Peer
 
@@ -29,12 +32,18 @@ class PictureServer(PageServer):
     files: ClassVar = {
         "/": ("picture.html", "text/html"),
         "/picture.js": ("picture.js", "text/javascript"),
+        "/legend.js": ("legend.js", "text/javascript"),
+        "/eye.js": ("eye.js", "text/javascript"),
         "/space.js": ("space.js", "text/javascript"),
+        "/solid.js": ("solid.js", "text/javascript"),
+        "/pools.js": ("pools.js", "text/javascript"),
+        "/three.module.min.js": ("three/three.module.min.js", "text/javascript"),
+        "/three.core.min.js": ("three/three.core.min.js", "text/javascript"),
         "/curves.js": ("curves.js", "text/javascript"),
         "/operator.js": ("operator.js", "text/javascript"),
         "/guide.js": ("guide.js", "text/javascript"),
         "/pad.js": ("pad.js", "text/javascript"),
-        "/slider.js": ("slider.js", "text/javascript"),
+        "/parameter.js": ("parameter.js", "text/javascript"),
         "/part.js": ("part.js", "text/javascript"),
         "/link.js": ("link.js", "text/javascript"),
         "/picture.css": ("picture.css", "text/css"),
@@ -110,24 +119,26 @@ class View:
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
-        self._solids = Solids(layout)
+        self._solids, self._placing = Solids(layout), Placing(layout)
         self._plots = [*profile_plots(layout), *joint_plots(layout)]
         nothing = np.zeros((1, layout.width), np.int64)
         curves = [(plot, list(plot.curves(layout, nothing))) for plot in self._plots]
         things = [
             {
-                "name": thing.name, "points": thing.points, "colors": colors(thing.numbers), "labels": thing.labels,
+                "name": thing.name, "points": thing.points, "colors": _colors(thing), "labels": thing.labels,
                 "links": thing.links, "groups": thing.groups, "radii": thing.radii, "solid": thing.solid,
-                "law": thing.law,
+                "law": thing.law, "thick": thing.thick, "said": said(layout, thing.name),
+                "parts": [{"link": number} | asdict(solid) for number, solid in thing.parts],
             }
             for thing in self._solids.things
         ]  # fmt: skip
         rate = layout.meta["rate"]
         self.scene: dict[str, Any] = {
             "kind": "scene", "name": str(layout.meta.get("name", "")), "rate": rate[0] / rate[1],
-            "simulated": layout.meta.get("simulated") or [], "things": things, "ramp": RAMP, "palette": PALETTE,
-            "plots": [
-                {"title": p.title, "unit": p.unit, "labels": labels}
+            "simulated": layout.meta.get("simulated") or [], "things": things, "palette": PALETTE, "ramp": RAMP,
+            "unknown": UNKNOWN,
+            "frames": list(self._placing.frames), "solid": three.there(), "plots": [
+                {"title": said(layout, p.title), "unit": p.unit, "labels": labels}
                 for p, labels in [*curves, (TIMING, list(TIMING.lines))]
             ],
         }  # fmt: skip
@@ -136,24 +147,32 @@ class View:
         """What a page shows of a row (width,); null stands for what isn't finite.
 
         Returns:
-            `things`: points as x y z after each other, m; or capsules as two ends, radius (m), red, green, blue.
+            `things`: points as x y z after each other, m; or capsules as two ends, radius, distance, m.
+            `links`: by thing, a robot's links as the first three rows of (4, 4), m; None of others. `frames`: likewise.
             `curves`: the numbers of each plot, and last `timing`. `cycle`, `state`, and `ages` of the devices in ms.
         """
-        things = []
-        for thing, values in zip(self._solids.things, self._solids.of(row), strict=True):
-            rows = values
-            if not thing.points:
-                own = distance_colors(values[:, 7]) if not thing.numbers else np.tile(colors(thing.numbers[:1]), (1, 1))
-                rows = np.column_stack([values[:, :7], np.broadcast_to(own, (len(values), 3))])
-            things.append(_numbers(rows, 4))
+        placed = self._solids.links(row)
+        things = [_numbers(values, 4) for values in self._solids.of(row, placed)]
         curves = [np.array([v[0] for v in p.curves(self.layout, row[None]).values()]) for p in self._plots]
         now = int(self.layout.header(row, "now"))
         stamps = {name: int(self.layout.header(row, f"{name}.stamp")) for name in self.layout.devices}
+        links = [None] * (len(things) - len(placed)) + [_numbers(places[:, :3], 4) for places in placed]
+        frames = [_numbers(self._placing.to_root(row, name)[:3], 4) for name in self._placing.frames]
         return {
-            "things": things, "curves": [*(_numbers(values, 5) for values in curves), timing],
+            "things": things, "links": links, "frames": frames,
+            "curves": [*(_numbers(values, 5) for values in curves), timing],
             "cycle": int(self.layout.header(row, "cycle")), "state": _state(int(self.layout.header(row, "state"))),
             "ages": {name: (now - stamp) / 1e6 if stamp >= 0 else None for name, stamp in stamps.items()},
         }  # fmt: skip
+
+
+def _colors(thing: Thing) -> list[Color]:
+    """One for each row, or one for all; none where the distance gives the colours."""
+    found = colors(thing.numbers)
+    if not any(thing.thick):
+        return found
+    each = found * len(thing.thick) if len(found) == 1 else found
+    return [PERSON if thick else color for thick, color in zip(thing.thick, each, strict=True)]
 
 
 def _numbers(values: Array, digits: int) -> list[float | None]:

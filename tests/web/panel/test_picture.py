@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import time
@@ -12,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.body_run import CAPSULES, TREE, body_layout, body_rows, upright
-from helpers.chromium import Chromium, Page
+from helpers.chromium import NO_WEBGL, Chromium, Page
 from helpers.panel import MadeUpLoop
 from helpers.wait import until
 
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.ipc.header import LINK_CONNECTED, LINK_STALE, State
-from srl.runtime.recording.shapes import distance_colors
+from srl.runtime.recording.shapes import PERSON, RAMP, UNKNOWN, distance_colors
 from srl.runtime.web.operator.client import OperatorPage as PageProcess
 from srl.runtime.web.panel.picture import View
 
@@ -98,10 +99,12 @@ def loop(tmp_path: Path) -> BodyLoop:
 
 @pytest.fixture
 def seen(loop: BodyLoop, browser: Chromium) -> Iterator[Seen]:
+    """The flat picture, whose colours are those of the things."""
     with loop.running(), PageProcess(loop.folder) as process:
-        page = browser.open(process.address)
+        page = browser.open(process.address, NO_WEBGL)
         made = Seen(loop, process, page)
         made.until("condition", "live")
+        until(lambda: made.now("drawn"))
         yield made
         page.close()
 
@@ -117,24 +120,39 @@ def test_nodes_segments_and_capsules_are_drawn_where_the_rows_have_them(seen: Se
         nodes = upright(layout.value(ROWS[at], "skeleton.nodes")).ravel()
         until(lambda nodes=nodes: same(seen.things()["skeleton.nodes"], nodes))
         solids = layout.value(ROWS[at], "collision.envelope")
-        shown = seen.things()["collision.envelope"].reshape(-1, 10)
+        shown = seen.things()["collision.envelope"].reshape(-1, 8)
         assert same(shown[:, :3], upright(solids[:, :3]))
         assert same(shown[:, 3:6], upright(solids[:, 3:6]))
-        assert shown[:, 7:].tolist() == distance_colors(solids[:, 7]).tolist()
+        assert same(shown[:, 6:], solids[:, 6:])
         assert seen.now("drawn") == {"points": 90, "links": 89, "capsules": len(CAPSULES) + 1}  # and one gap
 
 
 def test_body_and_arm_have_colours_of_their_own_and_a_legend(seen: Seen) -> None:
-    assert seen.text("legend").split("\n") == ["body", "right SRL", "left SRL"]
+    names = ["body", "right SRL", "left SRL", "envelope (collision)", "closest (collision)"]
+    assert [name.strip() for name in seen.text("legend").split("\n") if name.strip()] == names
+    assert "no WebGL" in seen.text("flat")
     found = seen.colors()
-    assert {(86, 180, 233), (230, 159, 0), (0, 158, 115)} <= found
+    assert {PERSON, (230, 159, 0), (0, 158, 115)} <= found
     assert "touches" in seen.text("ramp")
+    seen.page.value("document.querySelectorAll('#legend button')[1].click()")
+    until(lambda: (230, 159, 0) not in seen.colors())
+    assert PERSON in seen.colors()
+
+
+def test_a_distance_has_the_ramps_colour_on_the_page_too(seen: Seen) -> None:
+    for distance in (-0.2, 0.0, 0.04, 0.1, 0.2, 0.3, 2.0, None):
+        shown = seen.page.value(
+            "import('/part.js').then(({ shade }) => "
+            f"shade({json.dumps(RAMP)}, {list(UNKNOWN)}, {json.dumps(distance)}))"
+        )
+        wanted = distance_colors(np.array([np.nan if distance is None else distance]))[0]
+        assert np.allclose(shown, wanted, atol=1), distance
 
 
 def test_curves_come_from_the_profile_the_commands_and_the_loop(seen: Seen) -> None:
     plots = {title: labels for title, labels, _ in seen.now("plots")}
     assert plots == {
-        "Distance": ["arm"], "arm.position": [f"J{i}" for i in range(1, 8)], "Loop": ["period", "cycle"],
+        "Distance": ["arm"], "position (arm)": [f"J{i}" for i in range(1, 8)], "Loop": ["period", "cycle"],
     }  # fmt: skip
     before = {title: n for title, _, n in seen.now("plots")}
     until(lambda: all(n > before[title] for title, _, n in seen.now("plots")))
@@ -165,7 +183,7 @@ def test_what_is_wrong_is_said(seen: Seen, change: dict[str, Any], condition: st
     until(lambda: seen.now("current"))  # rows come, so what is drawn is of now
     law = "state" not in change  # no law runs while the limb is stopped: what they gave is drawn as old
     until(lambda: {now for *_, now in seen.now("things")} == {law})
-    assert ({(86, 180, 233), (230, 159, 0)} <= seen.colors()) == law
+    assert ({PERSON, (230, 159, 0)} <= seen.colors()) == law
     until(lambda: ("Grey: as it was" in seen.text("warning")) != law)
     vars(seen.loop).update(before)
     seen.until("condition", "live")
@@ -175,12 +193,12 @@ def test_what_is_wrong_is_said(seen: Seen, change: dict[str, Any], condition: st
 def test_a_loop_that_hangs_is_grey_and_the_next_run_is_shown(loop: BodyLoop, browser: Chromium) -> None:
     with PageProcess(loop.folder) as process:
         with loop.running():
-            seen = Seen(loop, process, browser.open(process.address))
+            seen = Seen(loop, process, browser.open(process.address, NO_WEBGL))
             seen.until("condition", "live")
         seen.until("condition", "silent")
         assert "no" in seen.text("warning")
         seen.until("current", False)
-        assert not {(86, 180, 233), (230, 159, 0)} & seen.colors()
+        assert not {PERSON, (230, 159, 0)} & seen.colors()
         loop.ring.finish()
         seen.until("condition", "ended")
         assert "The run is over" in seen.text("warning")

@@ -1,7 +1,7 @@
 // What is beside the picture: how the run is and what to do, start and reset, devices, parameters, jog, recordings.
 import { Pad } from "/pad.js";
+import { Parameter } from "/parameter.js";
 import { made, text } from "/part.js";
-import { Slider } from "/slider.js";
 
 const SHOWN = 8000; // ms that an answer is shown
 const MEANS = {
@@ -18,6 +18,7 @@ export class Operator {
     this.pad = new Pad(part.jog, part.joints, say);
     this.sliders = [];
     this.answered = [0, "", true]; // until when it is shown, words, whether it is well
+    this.told = -1; // the number of the newest event that is listed
     this.doubt = ""; // what waits for a second word
     this.about = ""; // what was shown of the stop when it was asked for
     this.shown = null; // the newest picture that was drawn
@@ -53,7 +54,7 @@ export class Operator {
   show(scene) {
     this.pad.show(scene.joints);
     this.part.jog.hidden = !scene.joints.length;
-    this.sliders = scene.parameters.map((given) => new Slider(given, (value) => this.say({ kind: "set", name: given.name, value })));
+    this.sliders = scene.parameters.map((given) => new Parameter(given, (value) => this.say({ kind: "set", name: given.name, value })));
     this.part.sliders.replaceChildren(...this.sliders.map(({ row }) => row));
     this.part.parameters.hidden = !scene.parameters.length;
     this.sure("");
@@ -116,8 +117,21 @@ export class Operator {
     this.list(devices);
     this.sliders.forEach((slider, i) => slider.frame(newest.values[i] ?? null, may, now));
     text(part.jog_words, jogWords(newest, may));
-    if (part.events_lines.textContent !== newest.events.join("")) part.events_lines.replaceChildren(...newest.events.map((words) => made("li", "", words)));
-    part.events.hidden = !newest.events.length;
+    this.events(newest.events);
+  }
+
+  // What has happened, the newest first: when, what, and what to do about it.
+  events(events) {
+    const { events: section, events_lines: list } = this.part, last = events.length ? events.at(-1).number : -1;
+    section.hidden = !events.length;
+    if (last === this.told) return;
+    this.told = last;
+    list.replaceChildren(...[...events].reverse().map(({ at, words, level, remedy }) => {
+      const line = made("li"), time = made("time", "", at);
+      line.append(time, made("span", level === "error" ? "bad" : "", words));
+      if (remedy) line.append(made("span", "remedy", remedy));
+      return line;
+    }));
   }
 
   list(devices) {

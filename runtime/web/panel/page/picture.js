@@ -2,6 +2,8 @@
 import { Curves } from "/curves.js";
 import { Guide } from "/guide.js";
 import { Link, stop as askStop } from "/link.js";
+import { Eye } from "/eye.js";
+import { Legend } from "/legend.js";
 import { Operator } from "/operator.js";
 import { text } from "/part.js";
 import { Space } from "/space.js";
@@ -9,7 +11,8 @@ import { Space } from "/space.js";
 const OLD = 250; // ms of a row's age from which it isn't shown as if it were now
 
 const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) => [e.id, e]));
-const space = new Space(part.space), curves = new Curves(part.curves);
+const eye = new Eye(part.space), curves = new Curves(part.curves, part.pause), legend = new Legend(part, eye);
+let space = null; // what draws, once it is known what there is to draw with
 let scene = null, newest = null, stopWords = "", frames = 0;
 
 const operator = new Operator(part, (message) => link.say(message));
@@ -32,25 +35,24 @@ function show(given) {
   document.title = part.name.textContent = given.name;
   curves.show(given.plots, given.palette);
   operator.show(given);
-  const seen = new Map();
-  for (const thing of [...given.things].sort((a, b) => (b.groups.length > 0) - (a.groups.length > 0))) {
-    if (thing.groups.length) thing.groups.forEach((name, i) => seen.set(name, thing.colors[i]));
-    else if (thing.colors.length) seen.set(thing.name, thing.colors[0]);
+  legend.show(given);
+  draws(given);
+}
+
+// Lit bodies if three.js is there and the browser can; else a flat picture, which says so.
+async function draws(given) {
+  if (space) return;
+  let why = given.solid ? "" : "A flat picture: three.js isn't installed. `python -m srl.runtime.web.panel.three` gets it.";
+  if (!why) {
+    try {
+      const { Solid } = await import("/solid.js");
+      space = new Solid(part.space, part.tags, eye);
+      part.space.addEventListener("webglcontextlost", () => text(part.flat, "The browser has lost its graphics. Load the page again."));
+    } catch (error) { why = `A flat picture: this browser has no WebGL 2 (${error.message}).`; }
   }
-  part.legend.replaceChildren(...[...seen].map(([name, color]) => {
-    const line = document.createElement("li"), dot = document.createElement("i");
-    dot.style.background = `rgb(${color.join(",")})`;
-    line.append(dot, name);
-    return line;
-  }));
-  part.ramp.hidden = given.things.every((thing) => thing.colors.length);
-  const last = given.ramp[given.ramp.length - 1][0];
-  part.ramp_bar.style.background = `linear-gradient(to right, ${given.ramp.map(([m, c]) => `rgb(${c.join(",")}) ${100 * m / last}%`).join(",")})`;
-  part.ramp_ends.replaceChildren(...["touches", `${last} m and more`].map((words) => {
-    const end = document.createElement("span");
-    end.textContent = words;
-    return end;
-  }));
+  if (why) space = new Space(part.space, eye);
+  text(part.flat, why);
+  part.axes.disabled = !space.axes || !given.frames.length;
 }
 
 async function stop() {
@@ -60,10 +62,11 @@ async function stop() {
 
 addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); }, true);
 part.stop.addEventListener("click", stop);
-part.front.addEventListener("click", () => space.look(0, 0.1));
-part.side.addEventListener("click", () => space.look(-Math.PI / 2, 0.1));
-part.above.addEventListener("click", () => space.look(0, 1.5));
-part.follow.addEventListener("change", () => { space.follow = part.follow.checked; });
+part.front.addEventListener("click", () => eye.look(0, 0.1));
+part.side.addEventListener("click", () => eye.look(-Math.PI / 2, 0.1));
+part.above.addEventListener("click", () => eye.look(0, 1.5));
+part.axes.addEventListener("change", () => { eye.frames = part.axes.checked; });
+part.follow.addEventListener("change", () => { eye.follow = part.follow.checked; });
 
 // What is wrong with the picture as it is: its kind, and the words for it.
 function condition(now) {
@@ -82,7 +85,7 @@ function frame() {
   const isNow = (thing) => current && (laws || !thing.law);
   const asItWas = scene && current && !laws && scene.things.some((thing) => thing.law) ? ". Grey: as it was then" : "";
   if (scene && newest) {
-    space.draw(scene.things, newest.things, isNow);
+    if (space) space.draw(scene, newest, isNow);
     curves.draw(current ? Math.max(now, newest.t) : newest.t);
     text(part.state, newest.state);
     part.state.className = current ? newest.state : ""; // a state that may be over has no colour
@@ -95,8 +98,8 @@ function frame() {
   guide.draw(Boolean(link.socket), operator.yours, !scene || !scene.things.length, kind === "stopped");
   frames++;
   globalThis.pictureNow = { // for whoever looks from outside: what this frame shows
-    condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space.drawn, age: newest && now - newest.t,
-    control: operator.yours, jogging: operator.pad.way, takes: newest && newest.takes, turn: space.turn, distance: space.distance, plots: curves.plots.map((p) => [p.title, p.labels, p.samples.length]),
+    condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space && space.drawn, solid: Boolean(space && space.renderer), quality: space && space.step, age: newest && now - newest.t,
+    control: operator.yours, jogging: operator.pad.way, takes: newest && newest.takes, turn: eye.turn, distance: eye.distance, plots: curves.plots.map((p) => [p.title, p.labels, p.samples.length]),
     things: scene && newest && scene.things.map((thing, i) => [thing.name, newest.things[i], isNow(thing)]),
   };
   requestAnimationFrame(frame);
