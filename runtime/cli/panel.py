@@ -12,6 +12,7 @@ from srl.runtime.cli import add_command, options
 from srl.runtime.cli.instance import choose
 from srl.runtime.contracts.errors import HostError, RequestError
 from srl.runtime.web.operator.client import OperatorPage
+from srl.runtime.web.panel import again
 from srl.runtime.web.panel.client import PageProcess
 from srl.runtime.web.panel.screen import Screen
 from srl.runtime.web.panel.trial import ScreenTrial, Trial
@@ -41,6 +42,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--recordings", type=Path, metavar="FOLDER", help="whose recordings the panel lists; default: this one"
     )
+    parser.add_argument(
+        "--again", action="store_true",
+        help="new addresses of the pages that are there, `run --view`'s too, for another browser; then it ends",
+    )  # fmt: skip
     parser.add_argument("--demo", action="store_true", help=f"{TRIALS} trials to try the screen")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="with --demo: stores the trials there")
     parser.set_defaults(run=run)
@@ -48,6 +53,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Serves until Ctrl-C, or until the demonstration is over."""
+    if args.again:
+        return _again(args)
     if args.signal is None:
         for option, given in _of_the_screen(args):
             if given:
@@ -73,6 +80,22 @@ def run(args: argparse.Namespace) -> int:
         for number in range(1, TRIALS + 1):
             while not _one(screen, number, args.out):
                 pass
+    return 0
+
+
+def _again(args: argparse.Namespace) -> int:
+    given = {"--port": args.port or None, "--recordings": args.recordings, "--signal": args.signal}
+    for option, value in [*given.items(), *_of_the_screen(args)]:
+        if value:
+            raise RequestError(option, "the pages are there already, as they were begun", "Leave it out, or --again")
+    folder = choose(args.instance)
+    found = again.ask(folder)
+    if not found:
+        name = folder.path.name
+        raise RequestError(f"instance '{name}'", "no page of it is served", f"Begin one: srl panel {name}")
+    print("Each is good once. The browser that opens it is the only one from then on:")
+    for page, address in found:
+        print(f"{page}:\n  {address}")
     return 0
 
 

@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Coroutine
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.ipc import presses
@@ -45,6 +45,8 @@ _NO_CONTROL: Final = "this page doesn't have control. Take it first"
 
 class OperatorServer(PictureServer):
     """Serves one instance's panel."""
+
+    called: ClassVar = "the panel"
 
     def __init__(self, run_folder: RunFolder, recordings: Path) -> None:
         """`recordings`: the folder whose recordings are shown. Raises RecordingError: there is no run here."""

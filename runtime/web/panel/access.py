@@ -21,7 +21,7 @@ HOST: Final = "127.0.0.1"
 KEY: Final = "X-Srl-Key"  # header with the key
 PROTOCOL: Final = "srl"  # of the websocket, which can't have that header: a second protocol offered is the key
 SECONDS: Final = 24 * 3600  # s that a browser keeps the cookie, through a crash of its own; the server's end ends it
-_SPENT = "This address was used already, or it is wrong. Ask for a new one.\n"
+_SPENT = "This address was used already, or it is wrong. A new one: srl panel --again\n"
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -70,7 +70,7 @@ class Access:
         # What speaks shows the key alone: a page of another port can overwrite our cookie, and must not stop a stop.
         given, secret = (_key(request), self._key) if speaks else (request.cookies.get(self._cookie, ""), self._secret)
         if not _same(given, secret):
-            raise web.HTTPForbidden(text="Open the address that was printed.\n")
+            raise web.HTTPForbidden(text="Open the address that was printed, or a new one: srl panel --again\n")
         self.entered(request.transport, speaks)  # a cookie may be known to another user
         return await handler(request)
 

@@ -18,6 +18,7 @@ from aiohttp import web
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.ipc.control_socket import send_note, send_request
 from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.web.panel import again
 from srl.runtime.web.panel.access import HOST, Access
 from srl.runtime.web.panel.door import Door
 from srl.runtime.web.panel.peer import BadMessageError, Peer, number
@@ -34,11 +35,13 @@ class PageServer(ABC):
     Attributes:
         files: all files there are to fetch: name and kind, by path.
         scripts: where the page's scripts may come from.
+        called: the page's name, for people.
         peers: the pages that are open, the oldest first.
     """
 
     files: ClassVar[Mapping[str, tuple[str, str]]]
     scripts: ClassVar[str] = "'self'"
+    called: ClassVar[str] = "the page"
 
     def __init__(self, run_folder: RunFolder) -> None:
         self.peers: list[Peer] = []
@@ -100,7 +103,10 @@ class PageServer(ABC):
         app.router.add_get("/socket", self._talk, allow_head=False)
         app.router.add_post("/stop", self._stop)
         try:
-            async with behind_door(listener, app, self._folder) as door:
+            async with (
+                behind_door(listener, app, self._folder) as door,
+                again.answering(self._folder, self.called, self.address),
+            ):
                 self._door = door
                 self._access.entered = door.let_in
                 follower = asyncio.create_task(self._follow())

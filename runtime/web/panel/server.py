@@ -17,6 +17,8 @@ from srl.runtime.web.panel.source import Reading, Source
 class Server(PageServer):
     """Serves one instance's screen. Its first page is the participant's."""
 
+    called: ClassVar = "the participant's screen"
+
     files: ClassVar = {
         "/": ("index.html", "text/html"),
         "/screen.js": ("screen.js", "text/javascript"),

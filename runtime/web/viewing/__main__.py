@@ -62,7 +62,10 @@ def _feed(run: RunFolder, ending: Ending) -> Feed:
 
 
 def _say(text: str) -> None:
-    print(f"viewer: {text}", file=sys.stderr, flush=True)
+    # A terminal may have the run's status on this line, without an end: that line is begun anew.
+    line = "\r\x1b[2K" if sys.stderr.isatty() else ""
+    sys.stderr.write(f"{line}viewer: {text}\n")
+    sys.stderr.flush()
 
 
 if __name__ == "__main__":

@@ -58,6 +58,7 @@ class ViewerServer(PageServer):
         feed: what is shown, once it is there.
     """
 
+    called: ClassVar = "rerun's viewer"
     scripts: ClassVar = "'self' 'wasm-unsafe-eval'"
     files: ClassVar = {
         "/": ("viewer.html", "text/html"),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
-from collections.abc import Iterator
 
 import pytest
 from helpers.chromium import Chromium
@@ -91,7 +89,7 @@ def test_a_guided_calibration_is_shown_and_pressed(seen: Seen) -> None:
         seen.loop.begin()
     # What has ended stays until the next run begins; then the run's own parameters are there again.
     until(lambda: not seen.text("guide_over"))
-    seen.says("sliders", "1.25 per m")
+    seen.says("fields", "1.25 per m")
 
 
 def test_a_waiting_run_is_started(seen: Seen) -> None:
@@ -138,7 +136,7 @@ def test_a_lost_device_has_words_and_a_remedy(seen: Seen) -> None:
     seen.says("devices", "well")
 
 
-@pytest.mark.parametrize("where", ["document.body", "document.querySelector('#sliders input')"])
+@pytest.mark.parametrize("where", ["document.body", "document.querySelector('#fields input')"])
 def test_escape_stops_from_anywhere_also_without_control(seen: Seen, where: str) -> None:
     if "input" in where:
         seen.control()
@@ -146,77 +144,6 @@ def test_escape_stops_from_anywhere_also_without_control(seen: Seen, where: str)
     seen.page.value(f"{where}.focus()")
     seen.page.key("Escape", "Escape", 27)
     until(lambda: seen.loop.stops == 1)
-
-
-def test_a_slider_shows_what_the_loop_has_and_not_what_was_asked(seen: Seen) -> None:
-    seen.says("sliders", "1.25 per m")
-    slider = "document.querySelector('#sliders input')"
-    assert seen.page.value(f"{slider}.disabled")
-    seen.control()
-    until(lambda: seen.page.value(f"!{slider}.disabled"))
-    assert [seen.page.value(f"Number({slider}.{end})") for end in ("min", "max")] == [0.5, 2.0]
-    seen.page.value(f"(() => {{ const s = {slider}; s.value = 2; "
-                    "for (const n of ['input', 'change']) s.dispatchEvent(new Event(n)); })()")  # fmt: skip
-    seen.says("answer", "has no bus")
-    until(lambda: seen.page.value(f"Number({slider}.value)") == 1.25)
-    assert "1.25 per m" in seen.text("sliders")
-
-
-@pytest.fixture
-def free(seen: Seen) -> Iterator[Seen]:
-    """Its parameter has no bounds, and so a field for a number."""
-    meta = copy.deepcopy(seen.loop.layout.meta)
-    seen.loop.layout.meta["parameters"][0] |= {"lower": float("-inf"), "upper": float("inf")}
-    seen.loop.begin()
-    until(lambda: seen.page.value("document.querySelector('#sliders input').type") == "number")
-    yield seen
-    seen.loop.layout.meta = meta
-    seen.loop.begin()
-    until(lambda: seen.page.value("document.querySelector('#sliders input').type") == "range")
-
-
-def typed(seen: Seen, words: str) -> None:
-    field = "document.querySelector('#sliders input')"
-    until(lambda: seen.page.value(f"!{field}.disabled"))
-    seen.page.value(f"{field}.focus(), {field}.select()")
-    seen.page.ask("Input.insertText", text=words) if words else seen.page.key("Backspace", "Backspace", 8)
-    seen.page.value(f"{field}.blur()")
-
-
-@pytest.mark.parametrize("words", ["", "-", "1,5e", "e"])
-def test_what_is_no_number_is_not_sent_as_one(free: Seen, words: str) -> None:
-    free.control()
-    typed(free, words)
-    free.passed()
-    assert free.text("answer") == ""
-    field = "document.querySelector('#sliders input')"
-    assert free.page.value(f"Number({field}.value)") == 1.25  # what the loop has is back
-
-
-def test_a_number_is_sent_and_shown_as_it_was_typed(free: Seen) -> None:
-    free.control()
-    sent = "globalThis.sent = []; const send = WebSocket.prototype.send; "
-    sent += "WebSocket.prototype.send = function (m) { sent.push(JSON.parse(m)); return send.call(this, m); }"
-    free.page.value(f"(() => {{ {sent} }})()")
-    typed(free, "0.0004321")
-    free.says("answer", "has no bus")
-    assert free.page.value("sent.filter((m) => m.kind === 'set').map((m) => m.value)") == [0.0004321]
-
-
-@pytest.mark.parametrize("bounds", [(0.0, 0.005), (0.0, 4e-6), (0.5, 2.0), (0.0, 3e5)])
-def test_a_sliders_value_is_shown_as_it_is_sent(seen: Seen, bounds: tuple[float, float]) -> None:
-    lower, upper = bounds
-    given = {"name": "g", "lower": lower, "upper": upper, "default": lower, "unit": "1", "text": "t"}
-    found = seen.page.value(
-        "import('/slider.js').then(({ Slider }) => { const sent = [], s = new Slider("
-        f"{json.dumps(given)}, (v) => sent.push(v)); s.input.value = {lower + 0.3217 * (upper - lower)}; "
-        f"s.input.dispatchEvent(new Event('input')); s.frame({lower}, true, 0); const before = s.asked.textContent; "
-        f"s.input.dispatchEvent(new Event('change')); s.frame({lower}, true, 0); "
-        "return [sent[0], before, s.asked.textContent, s.input.value]; })"
-    )
-    assert found[1] == found[2]  # while it is dragged, and once it is sent
-    assert float(found[1].removeprefix("asked ")) == found[0]
-    assert float(found[3]) == found[0]
 
 
 def test_another_tab_takes_the_control_and_says_so(seen: Seen, browser: Chromium) -> None:
@@ -237,7 +164,7 @@ def test_names_from_elsewhere_are_text(seen: Seen) -> None:
     seen.loop.layout.meta["parameters"][0]["text"] = "<b id=evil>bold</b>"
     seen.loop.begin()
     seen.says("name", "<img")
-    seen.says("sliders", "<b id=evil>")
+    seen.says("fields", "<b id=evil>")
     assert seen.page.value(
         "document.getElementById('evil') === null && !document.querySelector('img:not(#guide_picture)')"
     )

@@ -22,7 +22,7 @@ export class Curves {
     this.hold(null);
     this.plots.forEach(({ box }) => box.remove());
     this.plots = plots.map((plot) => {
-      const box = made("figure"), canvas = made("canvas"), names = made("ul"), title = made("figcaption", "", `${plot.title}${plot.unit && plot.unit !== "1" ? ` (${plot.unit})` : ""}`);
+      const box = made("figure"), canvas = made("canvas"), names = made("ul"), title = made("figcaption", "", `${plot.title}${plot.unit && plot.unit !== "1" ? `, ${plot.unit}` : ""}`);
       const dots = plot.labels.map((label, i) => {
         const line = made("li"), dot = made("i", i >= palette.length ? "dashed" : ""), value = made("output");
         line.append(dot, made("span", "", label), value);

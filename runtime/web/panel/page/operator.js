@@ -16,7 +16,7 @@ export class Operator {
     this.yours = this.held = false;
     this.newest = null;
     this.pad = new Pad(part.jog, part.joints, say);
-    this.sliders = [];
+    this.fields = [];
     this.answered = [0, "", true]; // until when it is shown, words, whether it is well
     this.told = -1; // the number of the newest event that is listed
     this.doubt = ""; // what waits for a second word
@@ -54,8 +54,8 @@ export class Operator {
   show(scene) {
     this.pad.show(scene.joints);
     this.part.jog.hidden = !scene.joints.length;
-    this.sliders = scene.parameters.map((given) => new Parameter(given, (value) => this.say({ kind: "set", name: given.name, value })));
-    this.part.sliders.replaceChildren(...this.sliders.map(({ row }) => row));
+    this.fields = scene.parameters.map((given) => new Parameter(given, (value) => this.say({ kind: "set", name: given.name, value })));
+    this.part.fields.replaceChildren(...this.fields.map(({ row }) => row));
     this.part.parameters.hidden = !scene.parameters.length;
     this.sure("");
   }
@@ -71,7 +71,7 @@ export class Operator {
 
   answer({ what, ok, words }) {
     this.answered = [performance.now() + SHOWN * (ok ? 0.5 : 2), words, ok];
-    if (what === "set") for (const slider of this.sliders) slider.until = 0;
+    if (what === "set") for (const field of this.fields) field.until = 0;
   }
 
   shelf({ rows, more, words }) {
@@ -115,7 +115,7 @@ export class Operator {
       this.sure("");
     }
     this.list(devices);
-    this.sliders.forEach((slider, i) => slider.frame(newest.values[i] ?? null, may, now));
+    this.fields.forEach((field, i) => field.frame(newest.values[i] ?? null, may, now));
     text(part.jog_words, jogWords(newest, may));
     this.events(newest.events);
   }

@@ -1,7 +1,7 @@
 // Joints that move while a key or a button is held. The page answers each picture of the server with a press, and the
 // press counts from when that picture was made: whatever stalls or dies on the way, no press follows, and the loop's
 // law brakes by itself. So letting go needs no message; one is sent all the same, to brake at once. The keys count only
-// while the focus is in the jog's area: elsewhere an arrow scrolls, or moves a slider.
+// while the focus is in the jog's area: elsewhere an arrow scrolls, or changes a parameter.
 import { button, made, measure, text } from "/part.js";
 
 const WAYS = { ArrowLeft: [-1], ArrowRight: [1], ",": [-1, true], ".": [1, true] }; // and whether it is a fine motion
