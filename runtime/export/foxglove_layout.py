@@ -18,7 +18,7 @@ from srl.runtime.export.report import whole_file
 from srl.runtime.ipc.header import CYCLE, Cause, State
 from srl.runtime.ipc.layout import Layout
 from srl.runtime.messages.messages import JOINT_STATE, MULTI_ARRAY, POSE, TWIST, WRENCH, kind_of, message_of
-from srl.runtime.profile.plots import Plot, command_plots, pick, profile_plots, split
+from srl.runtime.profile.plots import MEASURED, TRUTH, Plot, command_plots, pick, profile_plots, split
 from srl.runtime.recording.robots import robots
 from srl.runtime.recording.shapes import PALETTE, visuals
 from srl.runtime.ros2.topics import Topics, topic_of
@@ -27,7 +27,8 @@ NEAR: Final = 0.5  # m, of the camera from a finger
 FAR: Final = 4.0  # m, from a person
 FRONT: Final = -65  # degrees: from the root's x, a little from the right
 LISTED: Final = 6  # curves that a legend names: it would cover a plot with more
-SHOWN: Final = ("measured", "sent")  # of a command
+SHOWN: Final = (MEASURED, TRUTH, "sent")
+PAIR: Final = 2  # lines of an element: where it is, and what was sent  # of a command
 # By type of message: the path of each of its numbers, in the signal's order.
 _PATHS: Final = {
     WRENCH: [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"],
@@ -141,7 +142,7 @@ def _lines(layout: Layout, plot: Plot) -> dict[str, str]:
 def _plot(title: str, unit: str, lines: Mapping[str, str]) -> Panel:
     paths = [
         {"value": path, "label": label, "enabled": True, "timestampMethod": "receiveTime"}
-        | ({"color": _color(PALETTE[i // len(SHOWN) % len(PALETTE)])} if label.split()[-1] in SHOWN else {})
+        | ({"color": _color(PALETTE[i // PAIR % len(PALETTE)])} if label.split()[-1] in SHOWN else {})
         | ({"lineSize": 3.0} if label.endswith("sent") else {})
         for i, (label, path) in enumerate(lines.items())
     ]

@@ -20,7 +20,7 @@ from srl.runtime.contracts.field import Field
 from srl.runtime.contracts.signals import Kind
 from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Layout
-from srl.runtime.profile.plots import Plot, command_plots, indices, profile_plots, split
+from srl.runtime.profile.plots import MEASURED, TRUTH, Plot, command_plots, indices, profile_plots, split
 from srl.runtime.recording.reader import Recording
 
 # Okabe and Ito's colours, which everyone can tell apart. Yellow is left out, as it is faint on white.
@@ -31,7 +31,8 @@ COMMAND_STYLES: dict[str, dict[str, Any]] = {
     "asked": {"color": "#c4c4c4", "linewidth": 3.5},
     "applied": {"color": "#0072B2", "linewidth": 2.0},
     "sent": {"color": "#009E73", "linewidth": 1.2, "linestyle": (0, (3, 2))},
-    "measured": {"color": "#D55E00", "linewidth": 0.9},
+    MEASURED: {"color": "#D55E00", "linewidth": 0.9},
+    TRUTH: {"color": "#D55E00", "linewidth": 0.9, "linestyle": (0, (1, 1))},
 }
 STATE_COLORS = {
     State.STARTING: "#dddddd",

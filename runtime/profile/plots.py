@@ -22,6 +22,8 @@ from srl.runtime.ipc.layout import Layout
 from srl.runtime.recording.elements import elements
 
 _REFERENCE = r"^([A-Za-z0-9_.\-]+)(?:\[([^,\[\]]+(?:,[^,\[\]]+)*)\])?$"
+MEASURED, TRUTH = "measured", "simulated"
+"""What a device says of itself, and what only the simulation knows of it; one word each."""
 Reference = Annotated[str, StringConstraints(pattern=_REFERENCE)]
 
 
@@ -73,10 +75,11 @@ class Plot(BaseModel):
 
 
 def command_plots(layout: Layout) -> list[Plot]:
-    """Makes a plot for each element of each command: asked, applied, sent and, if available, measured.
+    """Makes a plot for each element of each command: asked, applied, sent and, if available, where it is.
 
-    A command `finger.position_command` is measured by the device's own `finger.position` or else, in simulation,
-    by the world's `world.finger_position`, if this has the same shape and unit.
+    A command `finger.position_command` is measured by the device's own `finger.position`. Of a device that measures
+    nothing, the simulation knows the truth, `world.finger_position`: it is called so. Both have the command's shape and
+    unit.
     """
     found = []
     for field in layout.fields.values():
@@ -84,10 +87,10 @@ def command_plots(layout: Layout) -> list[Plot]:
             continue
         stem = field.name.removesuffix("_command")
         signals = {"asked": field.name, "applied": f"{field.name}.applied", "sent": f"{field.name}.sent"}
-        for name in (stem, f"world.{stem.replace('.', '_')}"):
+        for label, name in ((MEASURED, stem), (TRUTH, f"world.{stem.replace('.', '_')}")):
             other = layout.fields.get(name)
             if other is not None and (other.shape, other.unit) == (field.shape, field.unit):
-                signals["measured"] = name
+                signals[label] = name
                 break
         there = {label: name for label, name in signals.items() if name in layout.fields}
         names = zip(np.ndindex(field.shape), series_names(layout, field.name), elements(field), strict=True)
@@ -98,16 +101,23 @@ def command_plots(layout: Layout) -> list[Plot]:
 
 
 def joint_plots(layout: Layout) -> list[Plot]:
-    """Makes a plot for each command: each element as it was measured, or as applied where nothing measures it."""
-    found: dict[str, dict[str, str]] = {}
-    units: dict[str, str] = {}
+    """Makes a plot for each command: each element as measured, else as the simulation knows it, else as applied.
+
+    The title says which of these it is, if it isn't measured.
+    """
+    found: dict[tuple[str, str], dict[str, str]] = {}
     for plot in command_plots(layout):
-        asked = plot.lines["asked"]
-        name = split(asked)[0]
+        name = split(plot.lines["asked"])[0]
         label = plot.title.removeprefix(name.removesuffix("_command")).strip() or name
-        found.setdefault(name, {})[label] = plot.lines.get("measured", plot.lines.get("applied", asked))
-        units[name] = layout.fields[name].unit
-    return [Plot(title=n.removesuffix("_command"), unit=units[n], lines=lines) for n, lines in found.items()]
+        what = next(each for each in (MEASURED, TRUTH, "applied", "asked") if each in plot.lines)
+        found.setdefault((name, what), {})[label] = plot.lines[what]
+    return [
+        Plot(
+            title=name.removesuffix("_command") + (f" ({what})" if what != MEASURED else ""),
+            unit=layout.fields[name].unit, lines=lines,
+        )
+        for (name, what), lines in found.items()
+    ]  # fmt: skip
 
 
 def profile_plots(layout: Layout) -> list[Plot]:

@@ -21,7 +21,7 @@ from srl.runtime.contracts.linkage import Solid
 from srl.runtime.contracts.rotation import homogeneous
 from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Words
-from srl.runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots, series_names
+from srl.runtime.profile.plots import MEASURED, TRUTH, Plot, command_plots, joint_plots, profile_plots, series_names
 from srl.runtime.recorder.capsules import capsule_columns, capsule_look
 from srl.runtime.recorder.robots import ROOT, Moves, RobotShapes
 from srl.runtime.recorder.solid_shapes import solid_shapes
@@ -32,8 +32,9 @@ VIEW_RATE = 30.0  # Hz of the loop's clock
 PHASES = ("read", "control", "guard", "write", "log")
 # For a command's plot: asked is wide at the bottom, applied lies on it, measured is thin on top. Where they agree,
 # all three can be seen.
-COMMAND_COLORS = {"asked": (130, 130, 130), "applied": (86, 180, 233), "sent": (0, 158, 115), "measured": (230, 159, 0)}
-COMMAND_WIDTHS = {"asked": 4.5, "applied": 3.0, "sent": 1.7, "measured": 0.8}
+COMMAND_COLORS = {"asked": (130, 130, 130), "applied": (86, 180, 233), "sent": (0, 158, 115)}
+COMMAND_COLORS |= dict.fromkeys((MEASURED, TRUTH), (230, 159, 0))
+COMMAND_WIDTHS = {"asked": 4.5, "applied": 3.0, "sent": 1.7, MEASURED: 0.8, TRUTH: 0.8}
 STATE_COLORS = {
     State.STARTING: (150, 150, 150),
     State.READY: (86, 180, 233),

@@ -103,16 +103,26 @@ def test_each_element_of_a_command_is_plotted_as_asked_applied_and_measured() ->
     for label, name in (
         ("asked", "finger.position_command"),
         ("applied", "finger.position_command.applied"),
-        ("measured", "world.finger"),
+        ("simulated", "world.finger"),
     ):
         assert np.array_equal(curves[label], layout.value(rows, name)[:, 2])
     # What the device itself measures goes before the world's truth; another unit is another quantity.
     layout.add("finger.position", "state", (4,), "rad")
     assert command_plots(layout)[0].lines["measured"] == "finger.position[0]"
+    assert "simulated" not in command_plots(layout)[0].lines
     del layout.fields["finger.position"]
     layout.add("finger.position", "state", (4,), "1")
-    assert command_plots(layout)[0].lines["measured"] == "world.finger_position[0]"
-    assert "measured" not in command_plots(make_layout())[0].lines
+    assert command_plots(layout)[0].lines["simulated"] == "world.finger_position[0]"
+    assert "measured" not in command_plots(layout)[0].lines  # nobody could measure it on hardware
+    assert not {"measured", "simulated"} & command_plots(make_layout())[0].lines.keys()
+
+
+def test_the_panels_plot_says_what_isnt_measured() -> None:
+    layout, _ = measured_layout()
+    assert [plot.title for plot in joint_plots(layout)] == ["finger.position (simulated)"]
+    layout.add("finger.position", "state", (4,), "rad")
+    assert [plot.title for plot in joint_plots(layout)] == ["finger.position"]
+    assert [plot.title for plot in joint_plots(make_layout())] == ["finger.position (applied)"]
 
 
 def test_what_is_measured_in_another_order_is_found_by_name() -> None:
