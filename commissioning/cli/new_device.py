@@ -39,7 +39,7 @@ def write(args: argparse.Namespace) -> int:
     print(f"{target}: a package with driver, fake, twin, profile and tests ({len(files)} files)")
     print("Next:")
     for line in (
-        f"cd {shlex.quote(str(target))}", "pip install --no-deps --no-build-isolation --editable .",
+        f"cd {shlex.quote(str(target))}", "pip install --no-deps --editable .",
         "python -m pytest", f"srl run {args.device}.yaml --sim --duration 5",
     ):  # fmt: skip
         print(f"  {line}")

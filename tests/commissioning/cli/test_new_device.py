@@ -55,6 +55,16 @@ def test_it_is_installed_and_its_tests_pass_as_written(folder: Path, capsys: pyt
         assert run.returncode == 0, run.stdout + run.stderr
 
 
+def test_its_tests_say_at_once_that_it_isnt_installed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "device", "force-plate"]) == 0
+    said = capsys.readouterr().out
+    assert "  pip install --no-deps --editable .\n" in said  # with its build tools fetched, as everywhere
+    done = pytest_in(folder / "srl-force-plate", environment(folder))
+    assert done.returncode == 4, done.stdout + done.stderr
+    assert "srl-force-plate isn't installed here. Type: pip install --no-deps --editable ." in done.stdout + done.stderr
+    assert "failed" not in done.stdout
+
+
 def test_the_written_code_is_in_order(folder: Path) -> None:
     """Ruff's rules for the package as its author would run them; no word of the pattern is left."""
     for name in ("force-plate", "a", "next", "x2_and-more"):
