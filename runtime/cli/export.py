@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from srl.runtime.recording.reader import Recording
 
 STILLS = 10  # instants, unless they are given
-OUTPUTS = ("rrd", "bvh", "stills", "film", "tree")
+OUTPUTS = ("rrd", "figure", "bvh", "stills", "film", "tree")
 SIDES = ("front", "back", "left", "right")
 
 
@@ -43,6 +43,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     options.run_code(parser, False)
     parser.add_argument("--page", metavar="FILE.png", type=Path, help="with --bvh: a picture of the file's text")
     parser.add_argument("--tree", metavar="FILE.png", type=Path, help="a picture of the skeleton's node tree")
+    options.figure(parser, "draw what happened: commands, the profile's plots, states, timing")
     parser.add_argument("--stills", metavar="FILE.png", type=Path, help="pictures at ten instants, side by side")
     parser.add_argument(
         "--at", metavar="S", type=float, nargs="+", help="the instants of --stills, s from the beginning"
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, option) is not None and all(getattr(args, other) is None for other in needed):
             others = ", ".join(f"--{other}" for other in needed)
             raise RequestError(f"--{option}", f"it is for {others}", f"Add --{needed[0]} FILE, or leave it out")
+    options.check_figure(args.figure)
     with working(f"{args.recording} is exported"):
         metrics, lines, missing = _export(args)
     if args.json:
@@ -125,6 +127,12 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
         frames, law, period = _bvh(recording, args)
         metrics |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}
         lines.append(f"{args.bvh}: {frames} frames of {law}, {1.0 / period:g} a second")
+    if args.figure is not None:
+        from srl.runtime.pictures.figure import draw
+
+        draw(recording, args.figure)
+        metrics["figure"] = str(args.figure)
+        lines.append(f"{args.figure}: {len(recording.rows)} cycles")
     if args.page is not None:
         from srl.runtime.pictures.bvh_page import draw_page
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import RequestError, nearest
+
+PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps")
 
 
 def profile(parser: argparse.ArgumentParser, needed: bool = True, text: str = "") -> None:
@@ -48,6 +52,23 @@ def confirm(parser: argparse.ArgumentParser) -> None:
 def wearer(parser: argparse.ArgumentParser) -> None:
     """What the simulated person does."""
     parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
+
+
+def figure(parser: argparse.ArgumentParser, text: str) -> None:
+    """A picture with axes."""
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help=text)
+
+
+def check_figure(path: Path | None) -> None:
+    """Raises RequestError: it isn't named as a picture, or can't be made here. None is none."""
+    if path is None:
+        return
+    if find_spec("matplotlib") is None:  # else it would fail after the run
+        raise RequestError("--figure", "this needs matplotlib, which isn't installed here", extras.remedy("matplotlib"))
+    if not path.absolute().parent.is_dir():
+        raise RequestError("--figure", f"there is no folder {path.parent}", "Make it first")
+    if path.suffix.lower() not in PICTURES:
+        raise RequestError("--figure", f"'{path.name}' isn't named as a picture", "Name it like run.png")
 
 
 def recording(parser: argparse.ArgumentParser) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import shlex
+import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -32,7 +35,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--damaged", action="store_true", help="only those with which something is wrong")
     parser.add_argument("--rebuild", action="store_true", help="make the index anew from the files")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--open", action="store_true", help="say by which commands they are opened")
+    what.add_argument("--open", action="store_true", help="open them in rerun, and say what else opens them")
     what.add_argument("--export", choices=FORMATS, help="write them in this format (srl export)")
     what.add_argument("--delete", action="store_true", help="delete those of --name or --person; asks first")
     parser.add_argument("--to", metavar="FOLDER", type=Path, help="with --export: where to; default: beside each")
@@ -121,8 +124,10 @@ def _row(entry: Entry) -> tuple[str, ...]:
 
 
 def _open(chosen: Sequence[Entry]) -> int:
+    """Opens in rerun what it can, once all else is said that opens them. Returns rerun's answer, or 0."""
+    shown: list[str] = []
     for entry in chosen:
-        files = f"{entry.path}/*.rrd" if entry.path.is_dir() else str(entry.path)
+        files = sorted(map(str, entry.path.glob("*.rrd"))) if entry.path.is_dir() else [str(entry.path)]
         print(f"{entry.name}:")
         if (entry.path / "rows.ring").exists():
             print(f"  srl export {entry.path} --parquet FILE.parquet    (a black box: rerun can't open it)")
@@ -130,10 +135,20 @@ def _open(chosen: Sequence[Entry]) -> int:
             if entry.path.is_dir() and any(entry.path.glob("*.rows")):
                 print(f"  srl export {entry.path} --rrd FILE.rrd    (made without rerun: it opens FILE.rrd)")
             else:
-                print(f"  rerun --bind 127.0.0.1 {files}")
+                print(f"  rerun --bind 127.0.0.1 {shlex.join(files)}")
+                shown += files
             print(f"  srl replay {entry.path}")
         print(f'  python: srl.recordings.read(Path("{entry.path}"))')
-    return 0
+    if not shown:
+        return 0
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        print("there is no display here, so nothing is opened: type the line where there is one", file=sys.stderr)
+        return 0
+    from srl.runtime.web.viewing.assets import executable
+
+    sys.stdout.flush()
+    quiet = {**os.environ, "CI": "1"}  # rerun sends no usage statistics then
+    return subprocess.call([executable(), "--bind", "127.0.0.1", *shown], env=quiet)
 
 
 def _export(chosen: Sequence[Entry], args: argparse.Namespace) -> int:

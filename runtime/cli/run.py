@@ -38,7 +38,6 @@ from srl.runtime.service.summary import WELL, Summary
 from srl.runtime.service.supervisor import Supervisor, state_dir
 
 REFRESH = 0.1  # s between two readings of the rows
-PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -51,7 +50,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds of the loop's time")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="record every cycle")
     parser.add_argument("--person", metavar="ID", help="with --record: whose run it is, an anonymous id such as P07")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw what happened, from the recording")
+    options.figure(parser, "draw what happened, from the recording")
     parser.add_argument("--view", action="store_true", help="show it live in rerun, in a browser on this machine")
     parser.add_argument("--foxglove", action="store_true", help="show it live to Foxglove's app on this machine")
     options.wearer(parser)
@@ -248,17 +247,13 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
 
         check_target(args.record)
     for option, asked, needed in (
-        ("--figure", args.figure is not None, ("matplotlib",)),
         ("--view", args.view, ("aiohttp", "rerun")),
         ("--foxglove", args.foxglove, ("aiohttp",)),
     ):
         for name in needed if asked else ():
             if find_spec(name) is None:  # else it would fail beside the limb, or after the run
                 raise RequestError(option, f"this needs {name}, which isn't installed here", extras.remedy(name))
-    if args.figure is not None and not args.figure.absolute().parent.is_dir():
-        raise RequestError("--figure", f"there is no folder {args.figure.parent}", "Make it first")
-    if args.figure is not None and args.figure.suffix.lower() not in PICTURES:  # else it would fail after the run
-        raise RequestError("--figure", f"'{args.figure.name}' isn't named as a picture", "Name it like run.png")
+    options.check_figure(args.figure)
 
 
 def _make_room(args: argparse.Namespace, source: Source, checked: profile.Profile, status: Status) -> list[str]:

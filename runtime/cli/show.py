@@ -23,7 +23,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     options.profile(parser)
     options.sim(parser)
     options.overrides(parser)
-    parser.add_argument("--figure", metavar="FILE.png", type=Path, help="draw the wiring and the tree of frames")
+    options.figure(parser, "draw the wiring and the tree of frames")
     options.renamed(parser, "--png", "--figure")
     parser.add_argument(
         "--foxglove-layout", metavar="FILE.json", type=Path, help="a layout for Foxglove's app, with this run's topics"

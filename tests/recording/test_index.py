@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sqlite3
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -207,8 +208,33 @@ def test_a_persons_recordings_are_exported_and_opened(folder: Path, capsys: pyte
     assert main([*order, "bids", "--to", str(to / "bids")]) == 0
     assert (to / "bids" / "sub-P07").is_dir()
     capsys.readouterr()
-    assert main(["recordings", str(folder), "--name", "a.rrd", "--open"]) == 0
-    assert f"rerun --bind 127.0.0.1 {folder / 'a.rrd'}" in capsys.readouterr().out
+
+
+def test_recordings_are_opened_in_rerun_where_there_is_a_display(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[list[str]] = []
+    monkeypatch.setattr(subprocess, "call", lambda command, env: opened.append(command[1:]) or 0)
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    asked = ["recordings", str(folder), "--name", "a.rrd", "--open"]
+    assert main(asked) == 0
+    said = capsys.readouterr()
+    assert f"rerun --bind 127.0.0.1 {folder / 'a.rrd'}" in said.out
+    assert "there is no display here" in said.err
+    assert opened == []
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert main(asked) == 0
+    assert opened == [["--bind", "127.0.0.1", str(folder / "a.rrd")]]
+
+
+def test_a_figure_is_drawn_of_a_recording_after_the_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = folder / "a.png"
+    assert main(["export", str(folder / "a.rrd"), "--figure", str(picture), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["figure"] == str(picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["export", str(folder / "a.rrd"), "--figure", str(folder / "a.txt")]) == 2
+    assert "--figure: 'a.txt' isn't named as a picture" in capsys.readouterr().err
 
 
 def test_what_changed_since_it_was_listed_is_not_deleted(folder: Path) -> None:
