@@ -98,7 +98,7 @@ function frame() {
   guide.draw(Boolean(link.socket), operator.yours, !scene || !scene.things.length, kind === "stopped");
   frames++;
   globalThis.pictureNow = { // for whoever looks from outside: what this frame shows
-    condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space && space.drawn, solid: Boolean(space && space.renderer), quality: space && space.step, age: newest && now - newest.t,
+    condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space && space.drawn, solid: Boolean(space && space.renderer), ratio: space && space.renderer && space.renderer.getPixelRatio(), age: newest && now - newest.t,
     control: operator.yours, jogging: operator.pad.way, takes: newest && newest.takes, turn: eye.turn, distance: eye.distance, plots: curves.plots.map((p) => [p.title, p.labels, p.samples.length]),
     things: scene && newest && scene.things.map((thing, i) => [thing.name, newest.things[i], isNow(thing)]),
   };

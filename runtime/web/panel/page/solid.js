@@ -39,8 +39,8 @@ export class Solid {
     this.thin = pool(capsuleShape(5), lit(), true, true);
     this.boxes = pool(new THREE.BoxGeometry(2, 2, 2), lit(), false, true);
     this.cylinders = pool(new THREE.CylinderGeometry(1, 1, 2, 20).rotateX(Math.PI / 2), lit(), false, true);
-    this.shells = pool(capsuleShape(8), new THREE.MeshLambertMaterial({ ...clear, opacity: 0.35 }), true, false);
-    this.faint = pool(capsuleShape(8), new THREE.MeshLambertMaterial({ ...clear, opacity: 0.1 }), true, false);
+    this.shells = pool(capsuleShape(16), new THREE.MeshLambertMaterial({ ...clear, opacity: 0.35 }), true, false);
+    this.faint = pool(capsuleShape(16), new THREE.MeshLambertMaterial({ ...clear, opacity: 0.1 }), true, false);
     this.over = pool(capsuleShape(4), new THREE.MeshBasicMaterial({ ...clear, depthTest: false }), true, false);
     this.pools = [this.solids, this.thin, this.boxes, this.cylinders, this.shells, this.faint, this.over];
     this.tags = [];
