@@ -29,7 +29,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     options.sim(parser, "a simulated person does it, as fast as it goes; named must be all that it reads")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
-    parser.add_argument("--view", action="store_true", help="show a person's motion in rerun, in a browser here")
+    parser.add_argument("--view", action="store_true", help="show a person's motion on the panel, in a browser here")
     parser.add_argument(
         "--recording",
         type=Path,

@@ -51,7 +51,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="record every cycle")
     parser.add_argument("--person", metavar="ID", help="with --record: whose run it is, an anonymous id such as P07")
     options.figure(parser, "draw what happened, from the recording")
-    parser.add_argument("--view", action="store_true", help="show it live in rerun, in a browser on this machine")
+    parser.add_argument("--view", action="store_true", help="serve its panel, for a browser on this machine")
     parser.add_argument("--foxglove", action="store_true", help="show it live to Foxglove's app on this machine")
     options.wearer(parser)
     options.overrides(parser)
@@ -247,7 +247,7 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
 
         check_target(args.record)
     for option, asked, needed in (
-        ("--view", args.view, ("aiohttp", "rerun")),
+        ("--view", args.view, ("aiohttp",)),
         ("--foxglove", args.foxglove, ("aiohttp",)),
     ):
         for name in needed if asked else ():

@@ -38,7 +38,7 @@ class BaseRecorder(ABC):
             RecordingError: there is no run, or a recording of another run exists at the target.
         """
         self._run, self._target, self._folder = run, target, folder_of(target)
-        self._tail = Tail(run, recorder=True, ending=ending)
+        self._tail = Tail(run, ending)
         self._ring = self._tail.ring
         self._done = self._finished()
         if self._done:

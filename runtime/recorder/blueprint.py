@@ -18,10 +18,10 @@ NAMED, FEW = 5, 3  # curves in one view that its legend names, and in a low one
 STACKED = 5  # views of curves in one column; more go side by side
 
 
-def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
+def make(layout: Layout, row: Words | None) -> rrb.Blueprint:
     """The blueprint of a layout.
 
-    `row` (width,), if there is one, decides where the 3D view looks at first. `live` follows the newest rows.
+    `row` (width,), if there is one, decides where the 3D view looks at first.
     """
     loop = [
         _period(),
@@ -74,7 +74,7 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
             rrb.StateTimelineView(name="State and cause", contents=["/loop/state", "/loop/cause"]),
             row_shares=[5, 1],
         ),
-        rrb.TimePanel(timeline="time", state="collapsed", play_state="following" if live else "playing"),
+        rrb.TimePanel(timeline="time", state="collapsed", play_state="playing"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,

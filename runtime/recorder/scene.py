@@ -60,30 +60,13 @@ class Thinned:
     """The newest rows (k, width) of each 1/VIEW_RATE s.
 
     Attributes:
-        sequence: (k,) their sequence numbers.
         timing: (k, n) by entity path: the largest of each 1/VIEW_RATE s.
         trails: k lines (points, 3) by signal, the path until each row.
     """
 
-    sequence: Words
     rows: Words
     timing: Mapping[str, NDArray[np.float64]]
     trails: Mapping[str, list[NDArray[np.float64]]]
-
-    @property
-    def size(self) -> int:
-        """Bytes, at most about this."""
-        return self.rows.nbytes + sum(line.nbytes for lines in self.trails.values() for line in lines)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Thinned]) -> Thinned:
-        """One after the other, as one; there is at least one."""
-        return cls(
-            np.concatenate([p.sequence for p in parts]),
-            np.concatenate([p.rows for p in parts]),
-            {path: np.concatenate([p.timing[path] for p in parts]) for path in parts[0].timing},
-            {name: [line for p in parts for line in p.trails[name]] for name in parts[0].trails},
-        )
 
 
 class Scene:
@@ -143,8 +126,8 @@ class Scene:
             for look in _looks(field, colors(numbers[field.name])):
                 log(path, look)
 
-    def thin(self, sequence: Words, rows: Words) -> Thinned:
-        """The rows that are drawn, of rows (k, width) with their numbers, which must follow those of the last call."""
+    def thin(self, rows: Words) -> Thinned:
+        """The rows that are drawn, of rows (k, width), which must follow those of the last call."""
         now = self._layout.header(rows, "now")
         bins = np.floor_divide(now, int(1e9 / VIEW_RATE))
         ends = np.append(np.flatnonzero(np.diff(bins)), len(rows) - 1)
@@ -157,7 +140,7 @@ class Scene:
             for f in self._visuals
             if f.visual == "path"
         }
-        return Thinned(sequence[ends], rows[ends], timing, trails)
+        return Thinned(rows[ends], timing, trails)
 
     def send(self, recording: rr.RecordingStream, thinned: Thinned) -> None:
         """Sends the views of what was thinned."""

@@ -16,7 +16,7 @@ import rerun as rr
 from srl.runtime.ipc.events import Event
 from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.recorder import blueprint
-from srl.runtime.recorder.scene import Scene, Thinned
+from srl.runtime.recorder.scene import Scene
 from srl.runtime.recording.blocks import MOST, kin, pack
 from srl.runtime.recording.columns import ROW, ArrowBatch, Columns
 from srl.runtime.recording.format import APPLICATION, BLOCK, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY, ROWS
@@ -35,10 +35,9 @@ class Stream:
 
     Attributes:
         recording: what is sent.
-        events_to: the same; or, if they are to be `apart`, the changes of state and the events of it.
     """
 
-    def __init__(self, text: str, apart: bool = False) -> None:
+    def __init__(self, text: str) -> None:
         """`text` is the layout's JSON."""
         self._text = text
         self.layout = Layout.from_json(text)
@@ -47,9 +46,6 @@ class Stream:
         self._near = kin(self.layout)
         self._newest = np.zeros((1, self.layout.width), np.int64)
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
-        self.events_to = self.recording
-        if apart:
-            self.events_to = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
 
     @property
     def problems(self) -> list[str]:
@@ -63,10 +59,10 @@ class Stream:
         self.recording.send_recording_name(str(meta.get("name", "srl")))
         self.recording.send_property(PROPERTY, rr.AnyValues(format=FORMAT, layout=self._text, profile_sha256=digest))
 
-    def prologue(self, row: Words | None, live: bool = False) -> None:
+    def prologue(self, row: Words | None) -> None:
         """Sends the data at the head of every file: layout, profile, names, blueprint.
 
-        `row` (width,), if there is one, decides where the 3D view looks. `live` makes the view follow the newest rows.
+        `row` (width,), if there is one, decides where the 3D view looks.
         """
         self.head()
         meta = self.layout.meta
@@ -74,7 +70,7 @@ class Stream:
         document = rr.TextDocument(f"```yaml\n{profile}\n```\nsha256 {digest}", media_type="text/markdown")
         rr.log("/profile", document, static=True, recording=self.recording, strict=True)
         self._scene.statics(self.recording)
-        self.recording.send_blueprint(blueprint.make(self.layout, row, live))
+        self.recording.send_blueprint(blueprint.make(self.layout, row))
 
     def rows(self, sequence: Words, rows: Words) -> None:
         """Sends rows (k, width) with their sequence numbers (k,) as a file holds them: packed, and drawn."""
@@ -86,7 +82,9 @@ class Stream:
         """Sends what a file shows of rows (k, width), which must follow those of the last call."""
         if len(rows):
             self._columns.draw(self.recording, rows)
-            self._scene.send(self.recording, self.thin(sequence, rows))
+            self._scene.send_states(self.recording, rows)
+            self._newest = rows
+            self._scene.send(self.recording, self._scene.thin(rows))
 
     def pack(self, sequence: Words, rows: Words, quick: bool = False) -> None:
         """Sends rows packed, and nothing that is drawn of them. `quick`: they are packed again soon."""
@@ -98,17 +96,6 @@ class Stream:
             column = rr.ComponentColumn(descriptor, ArrowBatch(pa.array(data)), offsets=[0, len(data)])
             rr.send_columns(ROWS, indexes, [column], recording=self.recording, strict=True)
             self._newest = rows
-
-    def thin(self, sequence: Words, rows: Words) -> Thinned:
-        """Sends the changes of state in rows (k, width), k > 0, and returns what is drawn of them."""
-        self._scene.send_states(self.events_to, rows)
-        self._newest = rows
-        return self._scene.thin(sequence, rows)
-
-    def show(self, thinned: Thinned) -> None:
-        """Sends the rows that are drawn, and nothing of those between."""
-        self._columns.send(self.recording, thinned.rows)
-        self._scene.send(self.recording, thinned)
 
     def events(self, sequence: Sequence[int], events: Sequence[Event]) -> None:
         """Sends events. Each appears at the time of its cycle's row, or of the newest row before it."""
@@ -127,4 +114,4 @@ class Stream:
         ]
         columns += rr.TextLog.columns(text=[n.text for n in events], level=[LEVELS[n.level] for n in events])
         indexes = [rr.TimeColumn("cycle", sequence=[n.cycle for n in events]), time]
-        rr.send_columns(EVENTS, indexes, columns, recording=self.events_to, strict=True)
+        rr.send_columns(EVENTS, indexes, columns, recording=self.recording, strict=True)

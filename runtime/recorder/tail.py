@@ -42,12 +42,11 @@ class Tail:
         ring: the rows; `ring.lost` counts the rows that were overwritten before they were read.
     """
 
-    def __init__(self, run: RunFolder, recorder: bool, ending: Ending | None = None) -> None:
+    def __init__(self, run: RunFolder, ending: Ending | None = None) -> None:
         """Opens the rings.
 
         Args:
             run: the run's folder.
-            recorder: True if this reader marks which rows are safe on disk.
             ending: whether this process is to end. Then it does so once the loop is silent: stopping a service
                 signals all its processes, and the loop's own stop takes a while and must be recorded.
         Raises:
@@ -57,7 +56,7 @@ class Tail:
             raise RecordingError(str(run.path), "no run is here", "Start it first")
         self.text = private_file.read_text(run.layout)
         width = Layout.from_json(self.text, str(run.layout)).width
-        self.ring = RingReader(run.rows, marks=recorder, width=width)
+        self.ring = RingReader(run.rows, marks=True, width=width)
         self._events = EventReader(run.events)
         self._due = 0.0
         self._ending = ending

@@ -1,12 +1,8 @@
-"""A made-up loop for rerun's viewer, and the process that serves it."""
+"""A made-up loop whose rows and events are those of a recording."""
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -41,29 +37,3 @@ class ViewedLoop(MadeUpLoop):
     def time_of(self, cycle: int) -> float:
         """CLOCK_MONOTONIC ms of a cycle."""
         return self.times[cycle - 1]
-
-
-class ViewerProcess:
-    """`python -m srl.runtime.web.viewing`; a context manager that leaves no process.
-
-    Attributes:
-        address: the one that it printed.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "srl.runtime.web.viewing", str(folder)], stderr=subprocess.PIPE, text=True
-        )
-        assert self.process.stderr is not None
-        line = self.process.stderr.readline()
-        assert line.startswith("viewer: http://127.0.0.1:"), line
-        self.address = line.split()[1]
-
-    def __enter__(self) -> ViewerProcess:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.process.kill()
-        self.process.wait()
-        with contextlib.suppress(AttributeError):
-            self.process.stderr.close()  # type: ignore[union-attr]

@@ -136,4 +136,4 @@ def test_the_view_opens_on_the_whole_body_from_its_front(layout: Layout) -> None
     position, target = (np.array(v.as_arrow_array()[0].as_py()) for v in (eye.position, eye.look_target))
     assert position[0] - target[0] > 1.0  # the body faces x
     assert target[2] == pytest.approx(0.9, abs=0.25)
-    assert blueprint.make(layout, row, live=True) is not None
+    assert blueprint.make(layout, row) is not None

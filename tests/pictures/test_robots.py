@@ -349,7 +349,7 @@ def test_what_a_damaged_layout_says_of_robots_costs_no_recording(tmp_path: Path,
 def test_every_view_of_a_blueprint_is_in_one_place_and_none_has_more_than_five_plots() -> None:
     for name in ("sixth-finger", "moca-man", "kairos-man", "human-srl"):
         layout = wiring.build(*profile.load(name), []).layout
-        made = blueprint.make(layout, None, live=False)
+        made = blueprint.make(layout, None)
         seen: list[Any] = []
         overview: list[Any] = []
 

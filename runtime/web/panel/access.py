@@ -29,9 +29,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class Access:
     """The doors of one server on one port."""
 
-    def __init__(self, port: int, scripts: str) -> None:
-        """`scripts`: where the page's scripts may come from, as the Content-Security-Policy says it."""
-        self._scripts = scripts
+    def __init__(self, port: int) -> None:
         self._authority = f"{HOST}:{port}"
         self._origin = f"http://{self._authority}"
         self._cookie = f"srl-panel-{port}"  # a cookie counts for all ports of a host: each server has its own
@@ -91,7 +89,7 @@ class Access:
     @property
     def _headers(self) -> dict[str, str]:
         policy = (
-            f"default-src 'none'; script-src {self._scripts}; style-src 'self'; img-src data:; base-uri 'none'; "
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; base-uri 'none'; "
             f"form-action 'none'; frame-ancestors 'none'; connect-src 'self' ws://{self._authority}"
         )
         return {

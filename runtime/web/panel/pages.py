@@ -34,13 +34,11 @@ class PageServer(ABC):
 
     Attributes:
         files: all files there are to fetch: name and kind, by path.
-        scripts: where the page's scripts may come from.
         called: the page's name, for people.
         peers: the pages that are open, the oldest first.
     """
 
     files: ClassVar[Mapping[str, tuple[str, str]]]
-    scripts: ClassVar[str] = "'self'"
     called: ClassVar[str] = "the page"
 
     def __init__(self, run_folder: RunFolder) -> None:
@@ -50,13 +48,6 @@ class PageServer(ABC):
         self._door: Door | None = None
         self._stops = ThreadPoolExecutor(4, thread_name_prefix="stop")  # nobody else's work keeps a stop waiting
         self._stopping: set[asyncio.Task[None]] = set()
-
-    def add_routes(self, router: web.UrlDispatcher) -> None:
-        """Adds what is to be fetched beside the files."""
-
-    def peer(self) -> Peer:
-        """A connection for a page that comes."""
-        return Peer()
 
     @abstractmethod
     def joined(self, peer: Peer) -> None:
@@ -95,11 +86,10 @@ class PageServer(ABC):
             port: 0: any free one.
         """
         listener = listen(port)
-        self._access = Access(listener.getsockname()[1], self.scripts)
+        self._access = Access(listener.getsockname()[1])
         app = web.Application(middlewares=[self._access.middleware], client_max_size=1024)
         for path in self.files:
             app.router.add_get(path, self._file, allow_head=False)
-        self.add_routes(app.router)
         app.router.add_get("/socket", self._talk, allow_head=False)
         app.router.add_post("/stop", self._stop)
         try:
@@ -148,7 +138,7 @@ class PageServer(ABC):
     async def _talk(self, request: web.Request) -> web.StreamResponse:
         if len(self.peers) >= PEERS:
             raise web.HTTPServiceUnavailable(text="Too many pages are open.\n")
-        peer = self.peer()
+        peer = Peer()
         await peer.socket.prepare(request)
         self.joined(peer)
         self.peers.append(peer)

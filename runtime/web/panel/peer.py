@@ -13,7 +13,7 @@ from srl.runtime.web.panel.access import PROTOCOL
 
 LONGEST: Final = 65536  # bytes of a message from a page
 PENDING: Final = 64  # messages that a page may be behind; then it is let go
-HEARTBEAT: Final = 5.0  # s
+HEARTBEAT: Final = 5.0  # s; a page that is silent for half as long again is gone
 _BAD = 1008  # close code: against the rules
 
 
@@ -28,10 +28,9 @@ class Peer:
         participant: whether this page begins trials; another only looks on.
     """
 
-    def __init__(self, heartbeat: float = HEARTBEAT) -> None:
-        """`heartbeat`: s; a page that is silent for half as long again is gone."""
+    def __init__(self) -> None:
         self.socket = web.WebSocketResponse(
-            max_msg_size=LONGEST, heartbeat=heartbeat, compress=False, protocols=(PROTOCOL,)
+            max_msg_size=LONGEST, heartbeat=HEARTBEAT, compress=False, protocols=(PROTOCOL,)
         )
         self.participant = False
         self._waiting: list[str] = []
@@ -48,18 +47,6 @@ class Peer:
         self._value = value
         self._news.set()
 
-    @property
-    def pending(self) -> bool:
-        """Whether there is something that wasn't sent yet."""
-        return bool(self._waiting or self._value)
-
-    def wake(self) -> None:
-        """There is more to send."""
-        self._news.set()
-
-    async def send_more(self) -> None:
-        """Sends what isn't a message or a value: nothing, of most pages."""
-
     async def send(self) -> None:
         """Sends what there is, until the connection ends."""
         while not self.socket.closed:
@@ -72,7 +59,6 @@ class Peer:
             value, self._value = self._value, ""
             for text in [*texts, value] if value else texts:
                 await self.socket.send_str(text)
-            await self.send_more()
 
     async def hear(self) -> dict[str, Any] | None:
         """Waits for the page's next message. None: the connection has ended, maybe for a message that was no JSON."""

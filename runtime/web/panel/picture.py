@@ -12,7 +12,7 @@ import numpy as np
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import State
 from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.ipc.rows import Rows
+from srl.runtime.ipc.rows import Condition, Rows
 from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.profile.plots import Plot, joint_plots, profile_plots
 from srl.runtime.recording.readable import said
@@ -96,6 +96,16 @@ class PictureServer(PageServer):
         for peer in self.peers:
             peer.show(text)
 
+    @property
+    def over(self) -> bool:
+        """Whether the run has ended."""
+        return self._rows.condition(time.monotonic())[0] is Condition.ENDED
+
+    @property
+    def silent(self) -> bool:
+        """Whether no rows come."""
+        return self._rows.condition(time.monotonic())[0] is Condition.SILENT
+
     def close(self) -> None:
         self._rows.close()
 
@@ -136,8 +146,8 @@ class View:
         self.scene: dict[str, Any] = {
             "kind": "scene", "name": str(layout.meta.get("name", "")), "rate": rate[0] / rate[1],
             "simulated": layout.meta.get("simulated") or [], "things": things, "palette": PALETTE, "ramp": RAMP,
-            "unknown": UNKNOWN,
-            "frames": list(self._placing.frames), "solid": three.there(), "plots": [
+            "unknown": UNKNOWN, "frames": list(self._placing.frames),
+            "scenery": _scenery(layout, self._solids.things), "solid": three.there(), "plots": [
                 {"title": said(layout, p.title), "unit": p.unit, "labels": labels}
                 for p, labels in [*curves, (TIMING, list(TIMING.lines))]
             ],
@@ -173,6 +183,18 @@ def _colors(thing: Thing) -> list[Color]:
         return found
     each = found * len(thing.thick) if len(found) == 1 else found
     return [PERSON if thick else color for thick, color in zip(thing.thick, each, strict=True)]
+
+
+def _scenery(layout: Layout, things: list[Thing]) -> list[dict[str, Any]]:
+    """The simulated world's objects that never move, as the parts of a robot; not those that are drawn as one."""
+    drawn = {thing.name for thing in things if thing.parts}
+    return [
+        {
+            "kind": solid["kind"], "size": solid["size"], "pose": [*solid["position"], *solid["quaternion"]],
+            "color": [round(255 * c) for c in solid["colour"][:3]],
+        }
+        for solid in layout.meta.get("scenery", ()) if solid.get("part") not in drawn
+    ]  # fmt: skip
 
 
 def _numbers(values: Array, digits: int) -> list[float | None]:

@@ -1,1 +1,1 @@
-"""rerun's live viewer as a page of ours (`srl run --view`), a process beside the loop."""
+"""The operator's panel as a part of a run (`srl run --view`), a process beside the loop."""

@@ -1,7 +1,7 @@
-"""`python -m srl.runtime.web.viewing RUN_FOLDER`: shows a run live until it ends, and saves nothing.
+"""`python -m srl.runtime.web.viewing RUN_FOLDER`: the operator's panel of a run, until it ends (`srl run --view`).
 
-The supervisor starts it, and starts it again if it dies. Exit codes: 0 at the run's end; 2 if there is no run, no port
-or no viewer.
+The supervisor starts it, and starts it again if it dies. Exit codes: 0 at the run's end; 2 if there is no run, or no
+port.
 """
 
 from __future__ import annotations
@@ -11,14 +11,13 @@ import asyncio
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from srl.runtime.contracts.errors import SrlError
 from srl.runtime.ipc.child import Ending
 from srl.runtime.ipc.run_folder import RunFolder
 
-if TYPE_CHECKING:  # it imports rerun, which takes long
-    from srl.runtime.web.viewing.feed import Feed
+POLL = 0.05  # s between looks whether the run has ended
+LAST = 0.3  # s that the pages get to show the run's last row
 
 
 def main() -> int:
@@ -37,28 +36,16 @@ def main() -> int:
 
 
 async def _show(run: RunFolder, ending: Ending) -> None:
-    from srl.runtime.web.viewing.assets import executable
-    from srl.runtime.web.viewing.server import ViewerServer
+    from srl.runtime.web.operator.server import OperatorServer
 
-    executable()  # raises what is missing before an address is printed
-    server = ViewerServer(run)
+    server = OperatorServer(run, Path())
     async with server.serving() as follower:
-        _say(server.address())  # at once: the imports for its data take a second or two
-        server.feed = feed = await asyncio.to_thread(_feed, run, ending)
-        while not feed.over and not follower.done():
-            await asyncio.sleep(0.05)
+        _say(server.address())
+        while not follower.done() and not (server.over or (ending.asked and server.silent)):
+            await asyncio.sleep(POLL)
         if follower.done():
             follower.result()  # raises what it failed with
-        if feed.failure is not None:
-            raise feed.failure
-        server.look()
-        await server.last()
-
-
-def _feed(run: RunFolder, ending: Ending) -> Feed:
-    from srl.runtime.web.viewing.feed import Feed
-
-    return Feed(run, ending)
+        await asyncio.sleep(LAST)
 
 
 def _say(text: str) -> None:

@@ -21,7 +21,7 @@ from aiohttp import WSMsgType
 from helpers.operator_page import Socket, cookie, place, talk
 from helpers.operator_seen import Seen
 from helpers.panel import SIGNAL
-from helpers.viewed import ViewedLoop, ViewerProcess
+from helpers.viewed import ViewedLoop
 from helpers.wait import until
 
 from srl.runtime.ipc import control_socket
@@ -113,10 +113,10 @@ class Flood:
 class Served:
     """A server of pages under a small limit: its address, process, loop, and what it told the loop for its events."""
 
-    def __init__(self, process: PageProcess | ViewerProcess, loop: ViewedLoop, notes: list[str]) -> None:
+    def __init__(self, process: PageProcess, loop: ViewedLoop, notes: list[str]) -> None:
         self.process, self.loop, self.notes = process, loop, notes
         self.kept = cookie(process)
-        self.pid = process.pid if isinstance(process, PageProcess) else process.process.pid
+        self.pid = process.pid
 
     @property
     def port(self) -> int:
@@ -179,10 +179,9 @@ async def heard(tab: Socket, kind: str, at: int) -> dict[str, Any]:
             return dict(content)
 
 
-KINDS: Final[dict[str, Callable[[RunFolder], PageProcess | ViewerProcess]]] = {
+KINDS: Final[dict[str, Callable[[RunFolder], PageProcess]]] = {
     "panel": lambda folder: OperatorPage(folder, folder.path),
     "screen": lambda folder: Screen(folder, SIGNAL),
-    "viewer": lambda folder: ViewerProcess(folder.path),
 }
 
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.body_run import CAPSULES
+from helpers.body_run import CAPSULES, body_layout
 from helpers.chromium import Chromium
 from helpers.picture_seen import BodyLoop, Seen
 from helpers.wait import until
 
+from srl.runtime.contracts.linkage import Link, Solid
 from srl.runtime.recording.person import RADII, thicknesses
-from srl.runtime.recording.solids import Solids
 from srl.runtime.web.operator.client import OperatorPage
 from srl.runtime.web.panel import three
+from srl.runtime.web.panel.picture import View
 
 SIZES = ((1280, 800), (390, 844))
 
@@ -124,9 +126,29 @@ def test_two_fingers_zoom_and_one_turns(seen: Seen) -> None:
     seen.page.ask("Emulation.setTouchEmulationEnabled", enabled=False)
 
 
-def test_a_robots_parts_are_where_its_capsules_are(tmp_path: Path) -> None:
-    loop = BodyLoop(tmp_path / "run")
-    assert all(not thing.parts for thing in Solids(loop.layout).things)
+def test_a_robots_parts_go_with_its_links_and_what_stands_in_the_room_is_drawn_once() -> None:
+    layout = body_layout()
+    box = Solid("box", (0.1, 0.2, 0.3), color=(1, 2, 3))
+    links = (Link("base", -1, solids=(box,)), Link("tip", 0, (0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), solids=(box,)))
+    table = {"kind": "box", "size": [1, 1, 0.1], "position": [0, 0, -1], "quaternion": [1, 0, 0, 0]}
+    layout.meta["robots"] = [{"name": "suit", "links": [asdict(link) for link in links], "angles": "", "urdf": None}]
+    layout.meta["scenery"] = [table | {"colour": [1.0, 0.5, 0.0, 1.0]}, table | {"colour": [0] * 4, "part": "suit"}]
+    view = View(layout)
+    robot = view.scene["things"][-1]
+    assert [(part["link"], part["kind"], part["size"]) for part in robot["parts"]] == [
+        (0, "box", (0.1, 0.2, 0.3)), (1, "box", (0.1, 0.2, 0.3)),
+    ]  # fmt: skip
+    assert view.scene["scenery"] == [
+        {"kind": "box", "size": [1, 1, 0.1], "pose": [0, 0, -1, 1, 0, 0, 0], "color": [255, 128, 0]}
+    ]
+    frame = view.frame(np.zeros(layout.width, np.int64), [1.0, 2.0])
+    assert frame["links"][:-1] == [None] * (len(frame["things"]) - 1)
+    first, second = np.array(frame["links"][-1]).reshape(2, 3, 4)
+    assert np.array(frame["frames"]).reshape(1, 3, 4)[0] == pytest.approx(first)  # it stands at the frame of its name
+    assert second[:, 3] == pytest.approx(first @ [0.5, 0.0, 0.0, 1.0])
+    assert (
+        len({tuple(color) for thing in view.scene["things"] for color in thing["colors"]}) == 4
+    )  # none is there twice
 
 
 def test_a_person_is_as_thick_as_its_joints_say_and_an_arm_is_not() -> None:

@@ -18,7 +18,7 @@ const KEY = (() => {
 })();
 
 export class Link {
-  // hear(message): what the server says; an ArrayBuffer is binary. lost(): the connection has ended; another attempt follows.
+  // hear(message): what the server says. lost(): the connection has ended; another attempt follows.
   constructor(hear, lost) {
     [this.told, this.lost] = [hear, lost];
     this.socket = null;
@@ -31,9 +31,8 @@ export class Link {
 
   connect() {
     const made = new WebSocket(`ws://${location.host}/socket`, ["srl", ...(KEY ? [KEY] : [])]);
-    made.binaryType = "arraybuffer";
     made.onopen = () => { this.socket = made; this.trips = []; this.ping(); };
-    made.onmessage = ({ data }) => { if (typeof data === "string") this.hear(JSON.parse(data)); else this.told(data); };
+    made.onmessage = ({ data }) => this.hear(JSON.parse(data));
     made.onclose = () => {
       this.socket = null;
       for (const settle of this.stops.values()) settle(null);

@@ -43,6 +43,7 @@ export class Solid {
     this.faint = pool(capsuleShape(16), new THREE.MeshLambertMaterial({ ...clear, opacity: 0.1 }), true, false);
     this.over = pool(capsuleShape(4), new THREE.MeshBasicMaterial({ ...clear, depthTest: false }), true, false);
     this.pools = [this.solids, this.thin, this.boxes, this.cylinders, this.shells, this.faint, this.over];
+    [this.own, this.placed, this.at, this.turned, this.scale] = [new THREE.Matrix4(), new THREE.Matrix4(), new THREE.Vector3(), new THREE.Quaternion(), new THREE.Vector3()];
     this.tags = [];
     this.step = this.slow ? 1 : 0;
     this.times = [];
@@ -104,6 +105,7 @@ export class Solid {
       else this.capsules(thing, values[i], live(thing), box);
     });
     this.eye.aim(box.low, box.high);
+    for (const part of given.scenery) this.part(part, part.color, { low: [...box.low], high: [...box.high] });
     this.axes(frames, given.frames);
     for (const pool of this.pools) pool.end();
     this.lie();
@@ -158,23 +160,27 @@ export class Solid {
   }
 
   robot(thing, places, flat, live, box) {
-    this.drawn.capsules += flat.length / 8;
     if (this.eye.hidden.has(thing.said)) return;
-    const link = new THREE.Matrix4(), own = new THREE.Matrix4(), scale = new THREE.Vector3();
+    this.drawn.capsules += flat.length / 8;
+    const color = (part) => (!live ? OLD : Math.max(...part.color) < DARK ? part.color : thing.colors[0]);
     for (const part of thing.parts) {
       const T = places.slice(12 * part.link, 12 * part.link + 12);
-      if (T.includes(null)) continue;
-      own.compose(...pose(part.pose), scale.set(1, 1, 1)).premultiply(link.set(...T, 0, 0, 0, 1));
-      const rgb = !live ? OLD : Math.max(...part.color) < DARK ? part.color : thing.colors[0];
-      const [x, y, z] = own.elements.slice(12, 15), s = part.size;
-      grow(box, [x, y, z], Math.max(...s));
-      if (part.kind === "box") this.boxes.put(own.scale(scale.fromArray(s)), rgb);
-      else if (part.kind === "cylinder") this.cylinders.put(own.scale(scale.set(s[0], s[0], s[1])), rgb);
-      else {
-        const half = part.kind === "capsule" ? s[1] : 0, way = own.elements.slice(8, 11);
-        const end = (k) => [x + k * half * way[0], y + k * half * way[1], z + k * half * way[2]];
-        this.solids.capsule(end(-1), end(1), s[0], s[0], rgb);
-      }
+      if (!T.includes(null)) this.part(part, color(part), box, this.placed.set(...T, 0, 0, 0, 1));
+    }
+  }
+
+  // A box, cylinder, capsule or sphere; on: where the link is that has it.
+  part({ kind, size, pose }, rgb, box, on = null) {
+    const own = this.own.compose(this.at.fromArray(pose), this.turned.set(pose[4], pose[5], pose[6], pose[3]), this.scale.set(1, 1, 1));
+    if (on) own.premultiply(on);
+    const [x, y, z] = own.elements.slice(12, 15), s = size;
+    grow(box, [x, y, z], Math.max(...s));
+    if (kind === "box") this.boxes.put(own.scale(this.scale.fromArray(s)), rgb);
+    else if (kind === "cylinder") this.cylinders.put(own.scale(this.scale.set(s[0], s[0], s[1])), rgb);
+    else {
+      const half = kind === "capsule" ? s[1] : 0, way = own.elements.slice(8, 11);
+      const end = (k) => [x + k * half * way[0], y + k * half * way[1], z + k * half * way[2]];
+      this.solids.capsule(end(-1), end(1), s[0], s[0], rgb);
     }
   }
 
@@ -236,8 +242,6 @@ export class Solid {
     });
   }
 }
-
-function pose(p) { return [new THREE.Vector3(p[0], p[1], p[2]), new THREE.Quaternion(p[4], p[5], p[6], p[3])]; }
 
 function grow({ low, high }, p, radius) {
   for (let i = 0; i < 3; i++) [low[i], high[i]] = [Math.min(low[i], p[i] - radius), Math.max(high[i], p[i] + radius)];
