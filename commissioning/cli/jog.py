@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Callable, Sequence
 
 from srl.commissioning.cli import COMMANDS
-from srl.runtime.cli import add_command, options
+from srl.runtime.cli import add_command, on_twins, options
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -16,6 +17,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     options.profile(parser)
     parser.add_argument("device", nargs="?", help="default: the only one that takes commands")
     options.sim(parser)
+    on_twins.add_option(parser)
     options.overrides(parser)
     parser.add_argument(
         "--speed", type=float, default=0.1, metavar="RAD/S",
@@ -32,29 +34,38 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Runs until q, a signal or the loss of the terminal. Returns 0, or 1 after a fault."""
-    from srl.commissioning.jog.profile_subset import subset
-    from srl.commissioning.jog.session import Session
-    from srl.runtime.cli.check import check_certificates, check_guards
     from srl.runtime.cli.console import Console
     from srl.runtime.contracts.errors import RequestError
     from srl.runtime.ipc.events import Level
-    from srl.runtime.profile import profile
-    from srl.runtime.service import arming
 
     if args.panel and args.step:
         raise RequestError("--step", "it is for a terminal's keys", "Leave out --step, or --panel")
-    made = subset(*profile.load(args.profile, args.set), args.device, args.speed, args.sim, args.panel)
-    check_guards(made.graph)
-    check_certificates(made.graph)
-    name = args.instance or made.profile.name
-    if not re.match(profile.SLUG, name):
-        raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
+    if args.twin is not None and args.sim is not None:
+        raise RequestError("--twin", on_twins.TWO_WORLDS, "Leave --sim out")
     console = Console(sys.stderr)  # it neither waits for a terminal nor fails once that has gone
 
     def say(text: str) -> None:
         console.say(text, Level.INFO)
 
+    with on_twins.twins(args.profile, args.twin, args.set, None, say) as given:
+        return _jog(args, given, say)
+
+
+def _jog(args: argparse.Namespace, given: Sequence[str], say: Callable[[str], None]) -> int:
+    from srl.commissioning.jog.profile_subset import subset
+    from srl.commissioning.jog.session import Session
+    from srl.runtime.cli.check import check_certificates, check_guards
+    from srl.runtime.contracts.errors import RequestError
+    from srl.runtime.profile import profile
+    from srl.runtime.service import arming
+
+    made = subset(*profile.load(args.profile, given), args.device, args.speed, args.sim, args.panel)
+    check_guards(made.graph)
+    check_certificates(made.graph)
+    name = args.instance or made.profile.name
+    if not re.match(profile.SLUG, name):
+        raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     if args.panel:
         say(f"{name}: jogged on the page of `srl panel {name}`; Ctrl-C ends")
-    arm = arming.automatic(made.graph, args.confirm)
+    arm = arming.automatic(made.graph, args.confirm or args.twin is not None)
     return Session(made, name, arm, args.step, say, args.panel).run()

@@ -59,7 +59,7 @@ class ReplayOptions(Options):
         description="bend around the body; plan: the same, and by a planned way where that leads nowhere; wait on the "
         "path until it is away; ignore: leave it to the guard",
     )
-    plan_after: float = Field(1.0, gt=0.0, le=60.0, description="s of coming no nearer before `plan` looks for a way")
+    plan_after: float = Field(4.0, gt=0.0, le=60.0, description="s of coming no nearer before `plan` looks for a way")
     keep: float = Field(0.06, ge=0.0, lt=0.5, description="m, d_keep: kept between the shapes of body and arm")
     rate: float = Field(4.0, gt=0.1, le=20.0, description="1/s, g: how fast a distance may shrink, of what is above")
     look: float = Field(0.25, gt=0.0, lt=1.0, description="m: pairs farther apart don't count")

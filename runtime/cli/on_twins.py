@@ -10,13 +10,14 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import IO
+from typing import IO, Final
 
 from srl.runtime.cli import wearer
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc.child import PARENT
 from srl.runtime.profile import profile
 
+TWO_WORLDS: Final = "a device is on its twin or simulated inside the loop, and both would have a world of their own"
 _END = 10.0  # s that they may take to end
 
 
@@ -98,8 +99,7 @@ def check(args: argparse.Namespace) -> None:
     if args.twin is None:
         return
     if args.sim is not None:
-        problem = "a device is on its twin or simulated inside the loop, and both would have a world of their own"
-        raise RequestError("--twin", problem, "Leave --sim out")
+        raise RequestError("--twin", TWO_WORLDS, "Leave --sim out")
     if not args.run_code:
         raise RequestError("--no-run-code", "the twins' process isn't bound by it", "Leave out one of the two")
     if args.fast:

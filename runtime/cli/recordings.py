@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -144,11 +145,18 @@ def _open(chosen: Sequence[Entry]) -> int:
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         print("there is no display here, so nothing is opened: type the line where there is one", file=sys.stderr)
         return 0
-    from srl.runtime.web.viewing.assets import executable
-
     sys.stdout.flush()
     quiet = {**os.environ, "CI": "1"}  # rerun sends no usage statistics then
-    return subprocess.call([executable(), "--bind", "127.0.0.1", *shown], env=quiet)
+    return subprocess.call([_viewer(), "--bind", "127.0.0.1", *shown], env=quiet)
+
+
+def _viewer() -> str:
+    """The path of rerun's binary. Raises RecordingError: it isn't there."""
+    spec = find_spec("rerun_cli")
+    path = Path(spec.origin).parent / "rerun" if spec is not None and spec.origin else None
+    if path is None or not path.exists():
+        raise RecordingError("rerun", f"its viewer isn't installed beside {sys.executable}", "Install rerun-sdk anew")
+    return str(path)
 
 
 def _export(chosen: Sequence[Entry], args: argparse.Namespace) -> int:

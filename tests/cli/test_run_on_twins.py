@@ -69,3 +69,7 @@ def test_the_users_own_start_counts_and_the_twins_end_with_the_run(tmp_path: Pat
         (twin,) = twins_of(run.process.pid)
         os.kill(run.process.pid, signal.SIGKILL)
         until(lambda: not alive(twin), what="the end of the twins")
+
+
+def test_a_jog_is_on_twins_or_simulated() -> None:
+    assert "a world of their own" in refused("jog", "servo-jog", "--twin", "--sim")
