@@ -15,10 +15,10 @@ from dataclasses import asdict
 
 from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command, options
-from srl.runtime.cli.printable import printable
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, RequestError, SrlError
+from srl.runtime.contracts.printable import printable
 from srl.runtime.service import serial_ports
 from srl.runtime.service.fitness import serial
 from srl.runtime.service.serial_ports import SerialPort

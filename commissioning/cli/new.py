@@ -20,10 +20,10 @@ from srl.commissioning.cli import COMMANDS, new_ports
 from srl.commissioning.new.template import begin, check_name
 from srl.runtime.cli import add_command
 from srl.runtime.cli.check import examine
-from srl.runtime.cli.printable import printable
 from srl.runtime.contracts import registry, whole_file
 from srl.runtime.contracts.errors import RequestError, SrlError, nearest
 from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.printable import printable
 from srl.runtime.ipc import older
 from srl.runtime.profile import profile
 from srl.runtime.profile.graph import Graph

@@ -9,9 +9,9 @@ from typing import Any
 
 from srl.commissioning.cli.find_port import likely
 from srl.commissioning.new.limb_drivers import limb_drivers
-from srl.runtime.cli.printable import printable
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.contracts.limb_drives import Question
+from srl.runtime.contracts.printable import printable
 from srl.runtime.profile import library, profile
 from srl.runtime.profile.ports import local_path
 from srl.runtime.service import serial_ports

@@ -13,10 +13,10 @@ from srl.commissioning.cli import new_ports, new_questions
 from srl.commissioning.new.from_urdf import Limb
 from srl.commissioning.new.limb_drivers import limb_driver
 from srl.runtime.cli.check import examine
-from srl.runtime.cli.printable import printable
 from srl.runtime.contracts import whole_file
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.limb_drives import LimbDrives, Question
+from srl.runtime.contracts.printable import printable
 from srl.runtime.ipc import older
 from srl.runtime.profile.edit import edited
 from srl.runtime.profile.overrides import split

@@ -55,6 +55,14 @@ class HumanSrl:
         sides = {i: f"{side} SRL" for side, nodes in self.arm.items() for i in range(nodes.start, nodes.stop)}
         return tuple(sides.get(i, "body") for i in range(len(self.tree)))
 
+    @property
+    def lines(self) -> tuple[tuple[int, ...], ...]:
+        """Lines through the nodes, for pictures: those of the tree without the arms that don't exist."""
+        absent = {
+            i for side, own in self.arm.items() if side not in self.arms.sides for i in range(own.start, own.stop)
+        }
+        return tuple(line for line in self.tree.polylines if not absent & set(line))
+
     def whole(self, rotation: Array, translation: Array, arms: Mapping[Side, Array]) -> tuple[Array, Array]:
         """The motion of all nodes in their parents, for many frames at once: the arms' joints are rotations, too.
 

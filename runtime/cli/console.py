@@ -13,7 +13,7 @@ import select
 import socket
 from typing import TextIO
 
-from srl.runtime.cli.printable import printable
+from srl.runtime.contracts.printable import printable
 from srl.runtime.ipc.events import Level
 
 JOURNAL = "/run/systemd/journal/socket"

@@ -6,10 +6,10 @@ import argparse
 import json
 
 from srl.runtime.cli import add_command, options
-from srl.runtime.cli.printable import printable
 from srl.runtime.cli.status import working
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.files import KeptFile
+from srl.runtime.contracts.printable import printable
 from srl.runtime.loop.replay import perturbed, recorded_code, replay
 
 

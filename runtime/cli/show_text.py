@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from srl.runtime.cli.printable import printable
+from srl.runtime.contracts.printable import printable
 
 Item = Mapping[str, Any]
 WIDTH = 100  # columns

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from srl.runtime.contracts.errors import OptionError
+from srl.runtime.contracts.printable import printable
 
 CORRECT: Final = "Correct the value"
 _KEYS, _LIST = "keys with values", "a list"
@@ -84,6 +85,8 @@ def refusal(error: ValidationError, given: Any = None) -> Refusal:
     meant = [(k, i) for k, i in found if not (_expected(i) and (k in further or any(_within(k, o) for o, _ in found)))]
     # A misspelt key causes two errors: the unknown key says more than the missing one.
     keys, item = min(meant, key=lambda each: each[1]["type"] != "extra_forbidden")
+    same = [words for k, i in meant if k == keys and (words := _expected(i)) is not None]
+    keys = tuple(map(printable, keys))
     others = len({k for k, _ in meant}) - 1
     more = f" ({others} more after this one)" if others else ""
     if item["type"] == "extra_forbidden":
@@ -97,7 +100,6 @@ def refusal(error: ValidationError, given: Any = None) -> Refusal:
         return Refusal(keys, f"{cause.problem}{more}", cause.remedy, item["type"])
     if (newer := _newer(keys, item)) is not None:
         return newer
-    same = [words for k, i in meant if k == keys and (words := _expected(i)) is not None]
     message = f"it should be {' or '.join(dict.fromkeys(same))}" if same else _message(item)
     return Refusal(keys, f"{message}{_shown(item)}{more}", "", item["type"])
 
