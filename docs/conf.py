@@ -57,7 +57,7 @@ GROUPS = {
     "See and record": ["panel", "picture", "recordings", "participant-screen", "foxglove", "lsl"],
     "Other programs": ["bus", "ros2"],
     "Run as a service": ["deployment"],
-    "Extend and test": ["extending", "extending-calibration", "testing"],
+    "Extend and test": ["own-law", "extending", "extending-calibration", "testing"],
     "Studies": ["user-studies"],
     "How it is built": ["architecture", "dependencies"],
 }  # fmt: skip

@@ -7,7 +7,7 @@ import importlib
 from typing import Final
 
 COMMANDS: Final = {
-    "new": "writes a profile of your own, or a package for a device of your own",
+    "new": "writes a profile of your own, a package for your own device, or a control law in a file",
     "calibrate": "makes the calibration file of a person or a device",
     "jog": "moves one joint of a device while a key is held",
     "find-port": "lists the serial ports, what each may be, and whether you may open it",

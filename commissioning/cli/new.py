@@ -2,14 +2,16 @@
 
 `--urdf FILE` makes it of a limb's URDF instead (`srl.commissioning.cli.new_robot`).
 
-`srl new device NAME` writes a package for a device instead (`srl.commissioning.cli.new_device`). The word `device`
-alone is a profile's name like any other, where `--from` says what it begins as.
+`srl new device NAME` writes a package for a device instead (`srl.commissioning.cli.new_device`), `srl new law NAME` a
+control law in a file (`srl.commissioning.cli.new_law`). The words `device` and `law` alone are profiles' names like any
+other, where `--from` says what one begins as.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import json
 import os
 import shlex
@@ -30,14 +32,18 @@ from srl.runtime.profile.graph import Graph
 from srl.runtime.profile.option_tree import options
 from srl.runtime.profile.overrides import split
 
+_OTHERS = {"device": "new_device", "law": "new_law"}  # what isn't a profile, and the module that writes it
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(
         subparsers, "new", "srl new my-finger --from sixth-finger --port finger=/dev/ttyACM1", COMMANDS
     )
-    parser.add_argument("name", metavar="NAME", help="the profile's own name: a-z, 0-9, - and _; or the word device")
-    parser.add_argument("device", nargs="?", metavar="DEVICE", help="after the word device: that one's own name")
+    parser.add_argument(
+        "name", metavar="NAME", help="the profile's own name: a-z, 0-9, - and _; or the word device or law"
+    )
+    parser.add_argument("device", nargs="?", metavar="DEVICE", help="after the word device or law: its own name")
     parser.add_argument(
         "--from", dest="template", metavar="PROFILE", help="begin as this one (srl list); left out: asks, on a terminal"
     )
@@ -54,7 +60,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--port", action="append", default=[], metavar="DEVICE=PORT", help="a device's port (srl find-port lists them)"
     )
     parser.add_argument(
-        "-o", "--out", type=Path, metavar="FILE", help="default: NAME.yaml, here; a device's folder: srl-DEVICE"
+        "-o",
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="default: NAME.yaml, here; a device's folder: srl-DEVICE; a law's: here",
     )
     parser.add_argument(
         "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
@@ -65,10 +75,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Writes the file, checks it and says what comes next. Returns 0; what is wrong is raised, and nothing written."""
     if args.device is not None:
-        return _device(args)
-    if args.name == "device" and args.template is None:
-        problem = "it isn't said which device"
-        raise RequestError("srl new device", problem, "Give its name; for a profile called device, say --from PROFILE")
+        return _other(args)
+    if args.name in _OTHERS and args.template is None:
+        problem = f"it isn't said which {args.name}"
+        remedy = f"Give its name; for a profile called {args.name}, say --from PROFILE"
+        raise RequestError(f"srl new {args.name}", problem, remedy)
     check_name(args.name)
     target = _target(args)
     if args.urdf is not None:
@@ -116,13 +127,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _device(args: argparse.Namespace) -> int:
-    if args.name != "device":
+def _other(args: argparse.Namespace) -> int:
+    if args.name not in _OTHERS:
         problem = f"'{args.device}' is one name too many"
-        raise RequestError("NAME", problem, "A name has no blanks; for a device's package: srl new device NAME")
-    from srl.commissioning.cli import new_device
-
-    return new_device.write(args)
+        remedy = "A name has no blanks; for a device's package: srl new device NAME; for a law: srl new law NAME"
+        raise RequestError("NAME", problem, remedy)
+    written: int = importlib.import_module(f"srl.commissioning.cli.{_OTHERS[args.name]}").write(args)
+    return written
 
 
 def _target(args: argparse.Namespace) -> Path:

@@ -21,14 +21,14 @@ from pathlib import Path, PurePosixPath
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import RequestError
 
-_NAME = r"[a-z][a-z0-9]*([-_][a-z0-9]+)*"
-_LONGEST = 40
-_OF_PROFILES = {"template": "--from", "set": "--set", "port": "--port", "yes": "--yes", "urdf": "--urdf"}
+NAME = r"[a-z][a-z0-9]*([-_][a-z0-9]+)*"
+LONGEST = 40
+OF_PROFILES = {"template": "--from", "set": "--set", "port": "--port", "yes": "--yes", "urdf": "--urdf"}
 
 
 def write(args: argparse.Namespace) -> int:
     """Writes the package and says what comes next. Returns 0; what is wrong is raised, and nothing written."""
-    for option, typed in _OF_PROFILES.items():
+    for option, typed in OF_PROFILES.items():
         if getattr(args, option):
             raise RequestError(typed, "it is for a profile, and this is a device", "Leave it out")
     check_name(args.device)
@@ -49,34 +49,39 @@ def write(args: argparse.Namespace) -> int:
 
 def package(name: str) -> dict[str, str]:
     """The package's files: text by path, as "srl_force_plate/driver.py"."""
-    names = {"_gadget": f"_{_plain(name)}", "Gadget": _class(name), "gadget": name}  # in an identifier, a class, a text
-    found = {}
-    for path, text in _templates(resources.files("srl.commissioning.cli") / "device", PurePosixPath()):
-        target, content = str(path).removesuffix(".txt"), text
-        for word, own in names.items():
-            target, content = target.replace(word, own), content.replace(word, own)
-        found[target] = content
-    return found
+    # In an identifier, a class, a text.
+    return filled("device", {"_gadget": f"_{plain(name)}", "Gadget": class_name(name), "gadget": name})
+
+
+def filled(folder: str, words: dict[str, str]) -> dict[str, str]:
+    """The files of a folder of patterns beside this module, text by path, in other words: the first that fits."""
+    pattern = re.compile("|".join(map(re.escape, words)))
+
+    def in_words(text: str) -> str:
+        return pattern.sub(lambda found: words[found[0]], text)
+
+    patterns = _templates(resources.files("srl.commissioning.cli") / folder, PurePosixPath())
+    return {in_words(str(path).removesuffix(".txt")): in_words(text) for path, text in patterns}
 
 
 def module(name: str) -> str:
     """The package's name for `import`."""
-    return f"srl_{_plain(name)}"
+    return f"srl_{plain(name)}"
 
 
 def check_name(name: str) -> None:
     """Raises RequestError if a device can't have this name, or another has it."""
-    if not re.fullmatch(_NAME, name) or len(name) > _LONGEST:
-        proposed = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:_LONGEST].strip("-") or "force-plate"
-        problem = f"'{name}' is no device's name: at most {_LONGEST} lower-case letters and digits, with - or _ between"
+    if not re.fullmatch(NAME, name) or len(name) > LONGEST:
+        proposed = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:LONGEST].strip("-") or "force-plate"
+        problem = f"'{name}' is no device's name: at most {LONGEST} lower-case letters and digits, with - or _ between"
         raise RequestError("NAME", problem, f"For example {proposed}")
     for group in ("drivers", "fakes", "twins"):
         for other in registry.names(group):
-            if _plain(other) == _plain(name):
+            if plain(other) == plain(name):
                 problem = f"there is a device '{other}' already, and a profile couldn't tell them apart"
                 raise RequestError("NAME", problem, f"Choose another, such as my-{name}; `srl list` shows all")
-    made = _class(name)
-    if taken := sorted({made, f"{made}Config", f"{made}Twin", f"Fake{made}"} & _imported()):
+    made = class_name(name)
+    if taken := sorted({made, f"{made}Config", f"{made}Twin", f"Fake{made}"} & imported("device")):
         problem = f"its class would be called '{taken[0]}', and srl has one of that name"
         raise RequestError("NAME", problem, f"Choose another, such as my-{name}")
     if len(package(name)) < len(package("gadget")):
@@ -88,21 +93,23 @@ def check_name(name: str) -> None:
         raise RequestError("NAME", problem, "Choose another name, or uninstall that package")
 
 
-def _imported() -> set[str]:
-    """The names that the package's modules import, which none of its classes may have."""
+def imported(folder: str) -> set[str]:
+    """The names that the modules of a folder of patterns import, which none of its classes may have."""
     found: set[str] = set()
-    for path, text in _templates(resources.files("srl.commissioning.cli") / "device", PurePosixPath()):
+    for path, text in _templates(resources.files("srl.commissioning.cli") / folder, PurePosixPath()):
         if path.name.endswith(".py.txt"):
             imports = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom))
             found |= {name.name for node in imports for name in node.names}
     return found
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
+    """The name as a module's."""
     return name.replace("-", "_")
 
 
-def _class(name: str) -> str:
+def class_name(name: str) -> str:
+    """The name as a class's."""
     return "".join(word.capitalize() for word in re.split("[-_]", name))
 
 

@@ -12,6 +12,7 @@ from io import TextIOWrapper
 
 from srl.runtime import __version__
 from srl.runtime.contracts.errors import HostError, SrlError
+from srl.runtime.contracts.printable import printable
 
 COMMANDS = {
     "list": "lists drivers, controllers and profiles",
@@ -83,7 +84,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         sys.stdout.flush()
         return code
     except SrlError as error:
-        print(_named(f"srl {args.command}", str(error)), file=sys.stderr)
+        print(printable(_named(f"srl {args.command}", str(error))), file=sys.stderr)  # it may quote another's file
         return 2
     except BrokenPipeError:
         # The reader of the output has gone, so there is nobody to tell.
@@ -94,6 +95,13 @@ def _main(arguments: Sequence[str] | None) -> int:
             raise
         _mute()
         print(f"srl {args.command}: there is no room left on the disk. Make room, then run it again", file=sys.stderr)
+        return 2
+    except Exception as error:
+        from srl.runtime.contracts import code_file
+
+        if (fault := code_file.fault(error)) is None:
+            raise
+        print(printable(f"srl {args.command}: {fault}"), file=sys.stderr)
         return 2
 
 

@@ -123,3 +123,13 @@ def test_code_that_this_machine_cant_import_says_what_is_missing(recording: Reco
     with pytest.raises(RecordingError, match=r"recorded code can't be run.*No module named 'nowhere_at_all'") as error:
         replay(layout_with(recording, files=files), recording.rows, "run.rrd", run_code=True)
     assert "Install what is missing" in error.value.remedy
+
+
+@pytest.mark.slow
+def test_what_a_recording_calls_its_code_obeys_no_terminal(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    profile = recording.layout.meta["profile"].replace("./follow.py:Knob", '"\\e]0;x\\a.py:Knob"')
+    named = Recording(**(vars(recording) | {"layout": layout_with(recording, profile=profile)}))
+    monkeypatch.setattr("srl.runtime.recording.reader.read", lambda _: named)
+    assert "runs code that the recording holds: \\x1b]0;x\\x07.py:Knob" in refused("replay", str(folder / "run.rrd"))

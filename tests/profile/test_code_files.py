@@ -11,6 +11,7 @@ import pytest
 from helpers.own_law import LAW, PROFILE, written
 from helpers.run import refused
 
+from srl.commissioning.jog.profile_subset import subset
 from srl.runtime.cli import main
 from srl.runtime.contracts import code_file
 from srl.runtime.contracts.errors import ProfileError
@@ -215,3 +216,41 @@ def test_the_schema_takes_a_file_too(capsys: pytest.CaptureFixture[str]) -> None
         *named, pattern = definitions[entry]["properties"][key]["anyOf"]
         assert pattern["pattern"] == code_file.PATTERN
         assert {"ikns", "firmata"} & {each["const"] for each in named}
+
+
+BOARD = '''"""The driver firmata and what simulates it, by another name."""
+
+from srl.drivers.firmata import Firmata
+from srl.sim.devices.firmata.fake import FakeFirmata
+
+
+class Board(Firmata):
+    pass
+
+
+class FakeBoard(FakeFirmata):
+    real = Board
+'''
+LIMB = """name: limb
+rate: 50
+devices:
+  board: {driver: ./follow.py:Board, port: /dev/none, servos: {knuckle: {pin: 9, lower: -0.8, upper: 0.8, home: 0.0}}}
+controllers:
+  - {use: posture-cycle, postures: [{knuckle: 0.2}, {knuckle: 0.4}], in: {position: board.position_command.sent}}
+guard: {board.position_command: {velocity: 1.0, acceleration: 5.0}}
+sim: {world: cell, parts: {finger: {part: robotic-finger}}, devices: {board: {joints: {knuckle: abduction}}}}
+"""
+
+
+@pytest.mark.parametrize("typed", [(), ("devices.board.driver=there/follow.py:Board",)])
+def test_a_limb_whose_driver_is_in_a_file_can_be_jogged(typed: tuple[str, ...], home: Path) -> None:
+    """The part of the profile that `srl jog` runs is a profile of its own, with the same file and the same leave."""
+    path = written(home / "there", BOARD, LIMB)
+    made = subset(*profile.load(str(path), typed), "board", 0.1, sim=True)
+    assert type(made.graph.devices[0]).__name__ == "FakeBoard"
+    assert set(made.source.files.kept) == {"--set there/follow.py" if typed else "./follow.py"}
+    if not typed:
+        written(home / "there", BOARD.replace("    pass", "    def __init__(self, name, config):\n        1 / 0"), LIMB)
+        assert "./follow.py line 9: ZeroDivisionError" in refused("jog", str(path), "--sim")
+    with pytest.raises(ProfileError, match="isn't run"):
+        subset(*profile.load(str(path), typed, run_code=False), "board", 0.1, sim=True)
