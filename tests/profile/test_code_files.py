@@ -246,11 +246,11 @@ sim: {world: cell, parts: {finger: {part: robotic-finger}}, devices: {board: {jo
 def test_a_limb_whose_driver_is_in_a_file_can_be_jogged(typed: tuple[str, ...], home: Path) -> None:
     """The part of the profile that `srl jog` runs is a profile of its own, with the same file and the same leave."""
     path = written(home / "there", BOARD, LIMB)
-    made = subset(*profile.load(str(path), typed), "board", 0.1, sim=True)
+    made = subset(*profile.load(str(path), typed), "board", 0.1, sim=[])
     assert type(made.graph.devices[0]).__name__ == "FakeBoard"
     assert set(made.source.files.kept) == {"--set there/follow.py" if typed else "./follow.py"}
     if not typed:
         written(home / "there", BOARD.replace("    pass", "    def __init__(self, name, config):\n        1 / 0"), LIMB)
         assert "./follow.py line 9: ZeroDivisionError" in refused("jog", str(path), "--sim")
     with pytest.raises(ProfileError, match="isn't run"):
-        subset(*profile.load(str(path), typed, run_code=False), "board", 0.1, sim=True)
+        subset(*profile.load(str(path), typed, run_code=False), "board", 0.1, sim=[])
