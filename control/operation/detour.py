@@ -27,6 +27,7 @@ _NEARER: Final = 0.005  # m in a span: less is no progress
 _ADVANCE: Final = 0.05  # of the path's own pace in a span: less is no progress
 _KEPT: Final = 0.02  # m of margin on the way, where its end has as much: what is lost while the arm moves
 _TURNS: Final = 400  # of a search for a way, after which another posture is looked for
+_BODY: Final = 4.0  # times as long is waited where the body is in the way: mostly it goes away by itself
 _FOLLOWED: Final = 5.0  # s of the path that a posture must be able to go on
 _STEPS: Final = 8  # of that, in a cycle
 _OTHER: Final = 0.05  # s of the joints' way: a posture that is nearer isn't another one
@@ -84,19 +85,19 @@ class Detour:
             dt: s.
         """
         if self._way is None:
-            if not self._stands(task.s, task.error, dt) or not self._rest.known:
+            if not self._stands(task, dt) or not self._rest.known:
                 return None
             self._look(q / self._scale, task)
             if self._way is None:
                 return None
         return self._along(q / self._scale, before / self._scale, self._way, dt)
 
-    def _stands(self, phase: float, error: float, dt: float) -> bool:
+    def _stands(self, task: Replay, dt: float) -> bool:
         """Whether the task has come no nearer for a span; then until it does."""
-        if phase > self._phase + _ADVANCE * self._after or error < self._error - _NEARER:
+        if task.s > self._phase + _ADVANCE * self._after or task.error < self._error - _NEARER:
             self.drop()
-            self._error, self._phase = error, phase
-        self._span += dt
+            self._error, self._phase = task.error, task.s
+        self._span += dt / _BODY if task.blocked else dt
         return self._span > self._after
 
     def _look(self, here: Array, task: Replay) -> None:

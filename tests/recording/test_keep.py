@@ -16,7 +16,7 @@ from helpers.segments import make_segments
 from helpers.small_disk import small_disk
 
 from srl.runtime.cli import main
-from srl.runtime.cli.run import PICTURES
+from srl.runtime.cli.options import PICTURES
 from srl.runtime.export.formats import ENDINGS
 from srl.runtime.loop.control_end import ControlEnd
 from srl.runtime.recorder.process import Recorder
