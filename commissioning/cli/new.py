@@ -55,6 +55,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         choices=registry.names("limbs"),
         help="with --urdf: what moves its joints; left out: asks, on a terminal",
     )  # fmt: skip
+    parser.add_argument(
+        "--split", nargs="+", metavar="DEVICE",
+        help="with --from: these devices are at another computer; writes both halves, NAME being theirs",
+    )  # fmt: skip
+    parser.add_argument(
+        "--host", action="append", default=[], metavar="HOST",
+        help="with --split: a name or address of that computer, the first is connected to; none: all run on this one",
+    )  # fmt: skip
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="write this value into it")
     parser.add_argument(
         "--port", action="append", default=[], metavar="DEVICE=PORT", help="a device's port (srl find-port lists them)"
@@ -81,6 +89,12 @@ def run(args: argparse.Namespace) -> int:
         remedy = f"Give its name; for a profile called {args.name}, say --from PROFILE"
         raise RequestError(f"srl new {args.name}", problem, remedy)
     check_name(args.name)
+    if args.split:
+        from srl.commissioning.cli import new_halves
+
+        return new_halves.write(args)
+    if args.host:
+        raise RequestError("--host", "it is for --split", "Add --split DEVICE, or leave it out")
     target = _target(args)
     if args.urdf is not None:
         from srl.commissioning.cli import new_robot

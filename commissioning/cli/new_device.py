@@ -23,7 +23,9 @@ from srl.runtime.contracts.errors import RequestError
 
 NAME = r"[a-z][a-z0-9]*([-_][a-z0-9]+)*"
 LONGEST = 40
-OF_PROFILES = {"template": "--from", "set": "--set", "port": "--port", "yes": "--yes", "urdf": "--urdf"}
+OF_PROFILES = {
+    "template": "--from", "set": "--set", "port": "--port", "yes": "--yes", "urdf": "--urdf", "split": "--split",
+}  # fmt: skip
 
 
 def write(args: argparse.Namespace) -> int:

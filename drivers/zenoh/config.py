@@ -14,7 +14,7 @@ from srl.runtime.contracts.errors import nearest
 from srl.runtime.contracts.signals import Signal
 
 _KEY = re.compile(r"^[A-Za-z0-9_%:-]+(/[A-Za-z0-9_%:-]+)*$")
-_NAME = re.compile(r"^[a-z][a-z0-9_]*$")
+_NAME = re.compile(r"^[a-z][a-z0-9_]*(\.[a-z0-9_]+)*$")
 _INSTANCE = re.compile(r"^srl/(?P<name>[^/]+)/")
 
 
@@ -75,7 +75,7 @@ class ZenohConfig(PeerConfig):
     def _names(cls, value: dict[str, SignalEntry]) -> dict[str, SignalEntry]:
         for name in value:
             if not _NAME.match(name):
-                raise ValueError(f"'{name}' isn't a signal's name: lower-case letters, digits and _ only")
+                raise ValueError(f"'{name}' isn't a signal's name: lower-case letters, digits and _, with dots between")
         return value
 
     def states(self) -> tuple[Signal, ...]:

@@ -19,7 +19,9 @@ OTHERS = {
     "--port": "a port alone, or that of a device of the profile",
     "--profile": "of a recording, or of a run",
 }
-TEXTS = {"--json", "--set", "--sim", "--person", "--yes", "--duration", "--rate", "--record", "--view", "--panel"}
+TEXTS = {
+    "--json", "--set", "--sim", "--person", "--yes", "--duration", "--rate", "--record", "--view", "--panel", "--host",
+}  # fmt: skip
 
 
 def form(action: argparse.Action) -> tuple[Any, ...]:
