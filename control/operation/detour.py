@@ -32,6 +32,8 @@ _FOLLOWED: Final = 5.0  # s of the path that a posture must be able to go on
 _STEPS: Final = 8  # of that, in a cycle
 _OTHER: Final = 0.05  # s of the joints' way: a posture that is nearer isn't another one
 _GIVE_UP: Final = 3.0  # s without coming nearer on the way
+_PACE: Final = 0.5  # of the joints' greatest speeds, on the way
+_LONGEST: Final = 8.0  # times `plan_after` is waited, after ways that have led nowhere
 
 
 class Detour:
@@ -42,14 +44,17 @@ class Detour:
         count: ways followed to their end.
     """
 
-    def __init__(self, options: MarginOptions, arm: Worn, plan_after: float) -> None:
+    def __init__(self, options: MarginOptions, arm: Worn, keep: float, plan_after: float) -> None:
         """
         Args:
             options: of the margin, and the joints' limits.
             arm: used while it looks, so its posture changes.
+            keep: m, that bending keeps: less would be undone at the end of a way.
             plan_after: s in which a task comes no nearer to its next place before a way is looked for.
         """
         self._options, self._arm, self._after = options, arm, plan_after
+        self._least = max(keep - options.least - options.uncertainty, 0.0)  # m of margin
+        self._longer, self._from = 1.0, -np.inf  # how much longer is waited, and the phase at the last way
         self._rest, self._scale = RestMargin(options), options.ranges.dq_max
         self._seed = self.count = 0
         self.drop()
@@ -84,8 +89,11 @@ class Detour:
             task: what is followed; `hold` it where this returns a velocity, else `step` it.
             dt: s.
         """
+        if not self._rest.known:
+            self.drop()
+            return None
         if self._way is None:
-            if not self._stands(task, dt) or not self._rest.known:
+            if not self._stands(task, dt):
                 return None
             self._look(q / self._scale, task)
             if self._way is None:
@@ -93,12 +101,13 @@ class Detour:
         return self._along(q / self._scale, before / self._scale, self._way, dt)
 
     def _stands(self, task: Replay, dt: float) -> bool:
-        """Whether the task has come no nearer for a span; then until it does."""
-        if task.s > self._phase + _ADVANCE * self._after or task.error < self._error - _NEARER:
-            self.drop()
-            self._error, self._phase = task.error, task.s
+        """Whether the task has come no nearer for a span; then until it does, or begins again."""
+        advanced = not -1e-9 <= task.s - self._phase <= _ADVANCE * self._after
+        if advanced or task.error < self._error - _NEARER:
+            self.drop()  # where the task begins again its error isn't of this place yet
+            self._error, self._phase = np.inf if advanced else task.error, task.s
         self._span += dt / _BODY if task.blocked else dt
-        return self._span > self._after
+        return self._span > self._after * self._longer
 
     def _look(self, here: Array, task: Replay) -> None:
         """One step of the search for a posture, or for a way to it."""
@@ -106,7 +115,8 @@ class Detour:
             goal = self._posture(here, task)
             if goal is None:
                 return
-            self._kept = min(_KEPT, *self._rest.margins(np.vstack([here, goal]) * self._scale).tolist())
+            ends = self._rest.margins(np.vstack([here, goal]) * self._scale)
+            self._kept = min(max(_KEPT, self._least), *ends.tolist())
             self._seed += 1
             low, high = self._options.ranges.q_lower / self._scale, self._options.ranges.q_upper / self._scale
             self._search = Connect(here, goal, low, high, self._free, self._seed)
@@ -114,6 +124,8 @@ class Detour:
         if points is not None:
             self._way = Waypoints(list(points[1:]), self._free, self._options.ranges.ddq_max / self._scale)
             self._search, self._left, self._stood = None, np.inf, 0.0
+            again = task.s <= self._from + _ADVANCE * self._after
+            self._longer, self._from = min(2.0 * self._longer, _LONGEST) if again else 1.0, task.s
         elif self._search.iterations >= _TURNS:
             self._search = None
 
@@ -138,13 +150,13 @@ class Detour:
         if self._postures is None:
             arms, side = self._options.arms.arms, self._options.arm
             self._postures = search_of_point(
-                arms, side, task.place, lambda path: self._rest.margins(path) >= 0.0, self._scale
+                arms, side, task.place, lambda path: self._rest.margins(path) >= self._least, self._scale
             )
         self._found = self._postures.step(here * self._scale, ranges.q_lower, ranges.q_upper)
         return None
 
     def _along(self, here: Array, before: Array, way: Waypoints, dt: float) -> Array | None:
-        left = float(np.abs(way.goal - here).max())
+        left = way.left(here)
         self._stood = 0.0 if left < self._left - NEAR else self._stood + dt
         self._left = min(self._left, left)
         arrived = left < 10 * NEAR
@@ -152,7 +164,7 @@ class Detour:
             self.count += arrived
             self.drop()
             return None
-        change = way.speed(here) - before
+        change = _PACE * way.speed(here) - before
         step = self._options.ranges.ddq_max / self._scale * dt
         most = float((np.abs(change) / step).max())  # all joints together, so that it goes on between the two
         return (before + change / max(most, 1.0)) * self._scale

@@ -96,7 +96,7 @@ class IndependentOperation(Controller):
         self._shift = np.array(o.shift)
         self._teaching = Teaching(self._worn, o.ranges, o.thresholds, self._shift)
         self._triggers, self._tally = Triggers(), Tally()
-        self._detour = Detour(o, self._worn, o.replay.plan_after) if o.replay.around == "plan" else None
+        self._detour = Detour(o, self._worn, o.replay.keep, o.replay.plan_after) if o.replay.around == "plan" else None
         self._replay = None if o.shown is None else self._task(self._kept(o.shown))
         self._last: Array = np.zeros(n)  # what was applied in the cycle before
         self._running, self._joined = False, False
@@ -125,6 +125,8 @@ class IndependentOperation(Controller):
         self._triggers.forget()
         self._triggers.read(self.input)
         self._teaching.drop("the run was interrupted")
+        if self._detour is not None:
+            self._detour.drop()
         if self._replay is not None:
             self._replay.r = 0.0
         self._tell()

@@ -99,7 +99,7 @@ class RestMargin:
         velocity = body.velocity.transpose(1, 2, 0).take(self._segments, axis=2)[:, :, None]
         swing = 0.0 if isinf(body.window) else body.window / 2
         gone = np.maximum(np.add.reduce(velocity * found.normal, axis=1), 0.0) * t
-        gone += (self._a_e * (swing * t + 0.5 * t * t))[:, None] + self._options.noise * t / body.window
+        gone += (self._a_e * (swing * t + 0.5 * t * t))[:, None] + self._options.noise * t / self._options.span
         first = distance + found.on_segment * found.along
         margin = np.minimum(first - gone[0], first - found.along - gone[1]) - self._needed
         if self._other is None:

@@ -26,10 +26,9 @@ class Waypoints:
         """
         self._points, self._free, self._a = points, free, _BRAKES * acceleration
 
-    @property
-    def goal(self) -> Array:
-        """(n,), the last point."""
-        return self._points[-1]
+    def left(self, here: Array) -> float:
+        """s of the way from `here`, (n,), through all points."""
+        return float(np.abs(np.diff([here, *self._points], axis=0)).max(axis=1).sum())
 
     def free(self, here: Array) -> bool:
         """Whether the arm may go on from `here`, (n,)."""

@@ -119,6 +119,7 @@ class BodyClearance(Clearance):
         self._ends, self._velocity, self._window = np.zeros((s, 2, 3)), np.zeros((s, 2, 3)), np.full(s, np.inf)
         self._pace = np.zeros((s, 2))  # m/s, of the ends
         self._seen_at = np.full(s, NEVER, np.int64)
+        self._moved_at = np.full(s, NEVER, np.int64)  # ns, of the velocity
         self._compared = np.unique(self._segments)
         self._last = b""
         self._changed = self._stamp = NEVER
@@ -198,10 +199,11 @@ class BodyClearance(Clearance):
             moved = fresh & (joints.moved | np.isinf(self._window))
             self._velocity[moved], self._window[moved] = motion.velocity[moved], motion.window
             self._pace[moved] = np.linalg.norm(motion.velocity[moved], axis=-1)
-            # A point's velocity is within this of its mean, and the mean of two errors is in it.
-            window = self._window[self._segments]
-            self._swing[:] = self._a_e.T * (window / 2) + self._noise / window
+            self._moved_at[moved] = stamp
             self._seen_at = np.where(fresh, stamp, np.minimum(self._seen_at, joints.oldest))
+            # A point's velocity is within this of its mean as it was seen last, and the errors' change is in it.
+            since = self._window / 2 + np.maximum(self._seen_at - self._moved_at, 0) * 1e-9
+            self._swing[:] = self._a_e.T * since[self._segments] + self._noise / self.options.span
 
     def clear(self, motion: Braking) -> bool:
         self._problem = ""

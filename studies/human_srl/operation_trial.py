@@ -180,7 +180,7 @@ def _law(text: str, setting: Setting, seed: int, case: Case, worn: Worn) -> tupl
     if options.around != "plan":
         return replay, None
     given = {name: entry[name] for name in MarginOptions.model_fields if name in entry}
-    return replay, Detour(MarginOptions(**{**given, "arms": setting.arms}), worn, options.plan_after)
+    return replay, Detour(MarginOptions(**{**given, "arms": setting.arms}), worn, options.keep, options.plan_after)
 
 
 def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:

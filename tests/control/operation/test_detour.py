@@ -38,7 +38,7 @@ class Scene:
         self.rotation, self.translation = posture()
         path = TaskPath(np.vstack([place, place + 1e-3]))
         self.replay = Replay(path, OPTIONS.ranges, ReplayOptions(keep=KEEP))
-        self.detour = Detour(OPTIONS, self.worn, 0.5) if planned else None
+        self.detour = Detour(OPTIONS, self.worn, KEEP, 0.5) if planned else None
         self.q, self.v, self.planned = start.copy(), np.zeros(7), 0
         self.nearest = np.inf
 
@@ -172,3 +172,23 @@ def test_a_press_ends_the_way_and_the_next_goes_on() -> None:
     press(made)
     while seen(made) is not Mode.DONE:
         pass
+
+
+def test_a_task_that_goes_well_is_repeated_without_a_way() -> None:
+    made = law(shift=SHIFT, replay={"keep": 0.02, "around": "plan", "plan_after": 0.5}, repeats=3)
+    teach(made)
+    press(made)
+    modes = set[Mode]()
+    while made.metrics()["done"] < 3:
+        modes.add(seen(made))
+    assert Mode.AROUND not in modes
+
+
+def test_a_reset_ends_the_way() -> None:
+    made = begun(24, "plan")
+    while seen(made) is not Mode.AROUND:
+        pass
+    made.applied["q"][:] = made.input["position"][:] = made.output["q"]
+    made.reset()
+    press(made)
+    assert seen(made) is not Mode.AROUND

@@ -111,6 +111,31 @@ def test_a_limb_that_repeats_itself_goes_on_as_it_was_seen_last() -> None:
     assert speeds[49] == speeds[40] == pytest.approx(speeds[39], rel=0.05)
 
 
+def test_joints_that_repeat_themselves_in_turn_make_no_speed_old() -> None:
+    """Shoulder and forearm change in every other sample each: what is known of the hand's speed is never too little."""
+    exact, turns = judge(), judge(repeat=0.05)
+    joints = [exact.options.figure.labels.index(name) for name in ("RightArm", "RightForeArm")]
+    wearer = Wearer(exact.options, np.random.default_rng(4), 1.0)
+    a_e = np.zeros_like(exact._pace)
+    a_e[exact._segments] = exact._a_e
+    missing = []
+    for k in range(120):
+        now = 10_000 * MS + k * 10 * MS
+        pose = wearer.rotation(k * 0.01)
+        exact.input["rotation"][:] = pose
+        held = turns.input["rotation"][joints[k % 2]].copy()
+        turns.input["rotation"][:] = pose
+        turns.input["rotation"][joints[k % 2]] = held
+        usable = [each.begin(now, {"rotation": now, "translation": now}) for each in (exact, turns)]
+        if k > 20 and all(usable):
+            bound = np.zeros_like(a_e)
+            bound[turns._segments] = turns._swing.T
+            off = np.linalg.norm(turns._velocity - exact._velocity, axis=-1) - bound
+            missing.append(float(off[turns._compared].max()))
+    assert len(missing) > 50
+    assert max(missing) < 0.2  # m/s: what is left is the place that `repeat` declares new, over the window
+
+
 def test_an_undeclared_noise_is_remarked() -> None:
     assert any("noise" in line for line in judge(uncertainty=0.02).remarks())
     assert not any("noise" in line for line in judge(uncertainty=0.02, noise=0.001).remarks())
