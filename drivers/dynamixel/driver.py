@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from srl.drivers.dynamixel.config import DynamixelConfig
-from srl.drivers.dynamixel.family import WATCHDOG, Family, family
+from srl.drivers.dynamixel.family import WATCHDOG, Family, Family2, family
 from srl.drivers.dynamixel.faults import DynamixelFaults
 from srl.drivers.dynamixel.recovery import Recovery
 from srl.drivers.dynamixel.session import Session, who
@@ -27,16 +27,16 @@ _SUSPECT: Final = 0.8  # share of the watchdog's time without a packet after whi
 
 
 class Dynamixel(ServoBus):
-    """Axes driven by MX servos.
+    """Axes driven by MX and X servos.
 
     States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity` (rad/s,
-    m/s), `effort` (N m, N: from the current; from the load on an MX-28), `temperature` (degC), `voltage` (V).
+    m/s), `effort` (N m, N: from the current, or from the load of a model without), `temperature` (degC), `voltage` (V).
     Command: `position_command`, `velocity_command` or `effort_command`, by the profile's `mode`. A sample's stamp
     is the time of its request, so a sample is never older than its stamp. Source: protocol sheet dynamixel.
     """
 
     Config = DynamixelConfig
-    summary = "Dynamixel MX-28/64/106 servos on one bus, protocol 1.0 or 2.0"
+    summary = "Dynamixel MX and X servos on one bus, protocol 1.0 or 2.0"
     usb = ("0403:6014",)  # FTDI, in the U2D2
     takes: tuple[str, ...] = declare.COMMANDS
     config: DynamixelConfig
@@ -135,7 +135,7 @@ class Dynamixel(ServoBus):
             self._prefix += self._arm
             faults.tripped.clear()
         faults.far.clear()
-        if family.protocol == 1:
+        if not isinstance(family, Family2):
             overloaded = {self._units.ids[i]: bus.torque[i] for i in faults.errors}
             if overloaded:
                 self._prefix += family.frame("torque_enable", 0, overloaded)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srl.drivers.dynamixel import protocol2, table
-from srl.drivers.dynamixel.config import DynamixelConfig
+from srl.drivers.dynamixel.config import POSITIONAL, DynamixelConfig, MotorConfig
 from srl.drivers.servo_bus import protocol1
 from srl.drivers.servo_bus.models import CENTRE, COUNTS
 from srl.drivers.servo_bus.units import VOLT, Parser, Units, Wire
@@ -22,7 +22,6 @@ from srl.runtime.contracts.signals import Array, Limits
 
 VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s per unit
 VELOCITY1: Final = 0.114 * 2 * pi / 60
-CURRENT2: Final = 3.36e-3  # A per unit
 CURRENT1: Final = 4.5e-3
 LOAD: Final = 1e-3  # of the stall torque, per unit
 WATCHDOG: Final = 0.02  # s per unit
@@ -48,6 +47,7 @@ class Family(Units):
         self.mode = config.mode
         super().__init__(config.ids, motors)
         scale = np.array([motor.scale for motor in motors])
+        self.current_unit = self._current_units(motors)
         self.senses_current = np.array([motor.facts.senses_current for motor in motors])
         self.per_velocity = self.velocity_unit * scale
         self.current_effort = np.array([motor.newton_metres for motor in motors]) * self.current_unit / scale
@@ -56,6 +56,10 @@ class Family(Units):
             self.unit = self.per_velocity if self.mode == "velocity" else self.current_effort
             self._zero = np.zeros(len(motors))
         self._begin(self.protocol)
+
+    @abstractmethod
+    def _current_units(self, motors: Sequence[MotorConfig]) -> Array:
+        """(n,) A of one unit of each motor's current."""
 
     def own_range(self, i: int, memory: bytes) -> tuple[float, float]:
         """Returns the lowest and highest goal position of motor `i`, counts, from its registers (address 0 on)."""
@@ -75,7 +79,7 @@ class Family(Units):
             facts = motor.facts
             velocity[i] = min(fastest * self.velocity_unit, facts.no_load_speed) * abs(motor.scale)
             effort[i] = strongest * abs(self.current_effort[i])
-            if self.mode in ("position", "extended"):
+            if self.mode in POSITIONAL:
                 ends = np.sort(np.array([low, high]) * self.per_count[i] + self.offset[i])
                 lower[i], upper[i] = ends
                 self.low[i], self.high[i] = low, high
@@ -97,22 +101,28 @@ class Family(Units):
 
 
 class Family2(Family):
-    """MX(2.0): firmware of protocol 2."""
+    """MX(2.0) and X: firmware of protocol 2.
+
+    Attributes:
+        pressure: n goal currents that bound the effort in mode `current-position`, in the register's units.
+    """
 
     protocol = 2
-    velocity_unit, current_unit = VELOCITY2, CURRENT2
+    velocity_unit = VELOCITY2
     check = (64, 7)
     sample, extra = (126, 10), (126, 21)
 
     _GOALS: Final = {
         "position": "goal_position",
         "extended": "goal_position",
+        "current-position": "goal_position",
         "velocity": "goal_velocity",
         "effort": "goal_current",
     }
     MODES: Final = {
         "position": table.POSITION,
         "extended": table.EXTENDED,
+        "current-position": table.CURRENT_POSITION,
         "velocity": table.VELOCITY,
         "effort": table.CURRENT,
     }
@@ -129,9 +139,32 @@ class Family2(Family):
                 "itemsize": 21,
             }
         )
+        efforts = np.array([motor.effort or 0.0 for motor in config.motors.values()])
+        self._asked = [int(x) for x in np.floor(efforts / np.abs(self.current_effort) + 1e-9)]
+        self.pressure = list(self._asked)
         self._effort = np.where(self.senses_current, self.current_effort, self.load_effort)
         # Zeros: if a length is cut after its low byte, the high byte becomes 0, so the packet ends within these zeros.
         self.filler = bytes(7 * len(self.ids) + 16)
+
+    def _current_units(self, motors: Sequence[MotorConfig]) -> Array:
+        return np.array([motor.facts.current_unit for motor in motors])
+
+    def bound_effort(self, i: int, memory: bytes) -> None:
+        """Keeps the pressure of motor `i` within the current limit in its registers (address 0 on)."""
+        if self.mode == "current-position":
+            self.pressure[i] = min(self._asked[i], self.tables[i]["current_limit"].decode(memory))
+
+    def volatile(self, i: int) -> dict[str, int]:
+        """Returns what motor `i` needs in its registers after power-up, besides its watchdog."""
+        wanted = {"bus_watchdog": 0, "profile_acceleration": 0, "profile_velocity": 0}
+        match self.mode:
+            case "velocity":
+                wanted["goal_velocity"] = 0
+            case "effort":
+                wanted["goal_current"] = 0
+            case "current-position":
+                wanted["goal_current"] = self.pressure[i]
+        return wanted
 
     def parser(self) -> Parser:
         return protocol2.Parser(longest=256)
@@ -168,7 +201,7 @@ class Family1(Family):
     """MX as first delivered: firmware of protocol 1. It has no bus watchdog."""
 
     protocol = 1
-    velocity_unit, current_unit = VELOCITY1, CURRENT1
+    velocity_unit = VELOCITY1
     check = (24, 12)
     # 7E: the longest packet, cut within its length, ends within these bytes. No goal register accepts 7E7E.
     filler = b"\x7e" * 140
@@ -191,6 +224,9 @@ class Family1(Family):
         self.sample = self.extra = (36, size)
         self._dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
 
+    def _current_units(self, motors: Sequence[MotorConfig]) -> Array:
+        return np.full(len(motors), CURRENT1)
+
     def parser(self) -> Parser:
         return protocol1.Parser()
 
@@ -212,7 +248,7 @@ class Family1(Family):
         np.multiply(raw["voltage"], VOLT, out=out["voltage"])
 
     def _sign(self, goals: NDArray[np.int64]) -> NDArray[np.int64]:
-        if self.mode in ("position", "extended"):
+        if self.mode in POSITIONAL:
             return goals
         return np.where(goals < 0, 0x400 - goals, goals)
 

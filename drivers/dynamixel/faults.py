@@ -1,4 +1,4 @@
-"""The hardware errors of MX servos, in words and by motor (sheet dynamixel, §4)."""
+"""The hardware errors of the servos, in words and by motor (sheet dynamixel, §4)."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from collections.abc import Generator
 from typing import Final
 
 from srl.drivers.dynamixel import protocol2
-from srl.drivers.dynamixel.family import Family
+from srl.drivers.dynamixel.family import Family2
 from srl.drivers.dynamixel.faults import DynamixelFaults
 from srl.drivers.dynamixel.setup import watchdog_code
 from srl.drivers.servo_bus.line import Request
@@ -25,7 +25,7 @@ class Recovery:
         away: ids of the servos that can't be sampled now.
     """
 
-    def __init__(self, family: Family, faults: DynamixelFaults, reboot: set[int], now: int) -> None:
+    def __init__(self, family: Family2, faults: DynamixelFaults, reboot: set[int], now: int) -> None:
         """
         Args:
             reboot: numbers of the motors to restart; those in `faults.limp` are only set up again.
@@ -83,12 +83,7 @@ class Recovery:
         data = ask.answers[id].data
         self._faults.errors.pop(i, None)
         self._faults.hardware(i, registers["hardware_error_status"].decode(data, address), 2)
-        settings = {"bus_watchdog": 0, "profile_acceleration": 0, "profile_velocity": 0}
-        for key in ("goal_velocity",) if family.mode == "velocity" else ():
-            settings[key] = 0
-        for key in ("goal_current",) if family.mode == "effort" else ():
-            settings[key] = 0
-        for key, value in [*settings.items(), ("bus_watchdog", watchdog_code(family.config.watchdog))]:
+        for key, value in [*family.volatile(i).items(), ("bus_watchdog", watchdog_code(family.config.watchdog))]:
             ask = self._write(id, registers[key], value)
             yield ask
             if not ask.complete or ask.answers[id].error:

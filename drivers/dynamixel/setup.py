@@ -185,8 +185,8 @@ def _volatile(session: Session, name: str, id: int, table: dict[str, Register], 
 
     A servo with torque on keeps its goal position, so it continues to hold; other goals become 0.
     """
-    config = session.family.config
-    if session.family.protocol == 1:
+    family, config = session.family, session.family.config
+    if not isinstance(family, Family2):
         wanted = {"goal_acceleration": 0}
         if "torque_control_mode" in table:
             if config.mode == "effort":
@@ -194,18 +194,16 @@ def _volatile(session: Session, name: str, id: int, table: dict[str, Register], 
             wanted["torque_control_mode"] = int(config.mode == "effort")
         wanted["moving_speed"] = 0
     else:
-        wanted = {"bus_watchdog": 0, "profile_acceleration": 0, "profile_velocity": 0}
-        if config.mode == "velocity":
-            wanted["goal_velocity"] = 0
-        if config.mode == "effort":
-            wanted["goal_current"] = 0
+        i = config.ids.index(id)
+        family.bound_effort(i, memory)
+        wanted = family.volatile(i)
     level = table["status_return_level"]
     if level.decode(memory) != 2:
-        session.tell(session.family.wire.write(id, level.address, level.encode(2)))
+        session.tell(family.wire.write(id, level.address, level.encode(2)))
     for key, value in wanted.items():
         # The watchdog may trip in the meantime, so it is cleared whatever value was read. The same holds for goals.
         if key in ("bus_watchdog", "goal_velocity", "goal_current") or table[key].decode(memory) != value:
             session.write(name, id, table[key], value, key.replace("_", " "))
-    if session.family.protocol == 2:
+    if family.protocol == 2:
         register = table["bus_watchdog"]
         session.write(name, id, register, watchdog_code(config.watchdog), "bus watchdog")

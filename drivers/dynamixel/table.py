@@ -31,12 +31,14 @@ CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 
 def table2(model: Model) -> Table:
     """Returns the registers of firmware of protocol 2."""
+    series, gains = model.series, model.gains
+    (lowest, highest), fastest = series.voltage_range, series.velocity_range
     table = {
         "model_number": _r(0, 2),
         "model_information": _r(2, 4),
         "firmware_version": _r(6, 1),
         "id": _e(7, 1, 1, 0, 252),
-        "baud_rate": _e(8, 1, 1, 0, 7),
+        "baud_rate": _e(8, 1, 1, 0, series.bauds),
         "return_delay_time": _e(9, 1, 250, 0, 254),
         "drive_mode": _e(10, 1, 0, 0, 7),
         "operating_mode": _e(11, 1, POSITION, 0, 16),
@@ -44,30 +46,28 @@ def table2(model: Model) -> Table:
         "protocol_type": _e(13, 1, 2, 1, 2),
         "homing_offset": _e(20, 4, 0, -1_044_479, 1_044_479, signed=True),
         "moving_threshold": _e(24, 4, 10, 0, 1023),
-        "temperature_limit": _e(31, 1, 80, 0, 100),
-        "max_voltage_limit": _e(32, 2, 160, 95, 160),
-        "min_voltage_limit": _e(34, 2, 95, 95, 160),
+        "temperature_limit": _e(31, 1, series.temperature, 0, 100),
+        "max_voltage_limit": _e(32, 2, series.voltages[1], lowest, highest),
+        "min_voltage_limit": _e(34, 2, series.voltages[0], lowest, highest),
         "pwm_limit": _e(36, 2, 885, 0, 885),
-        "acceleration_limit": _e(40, 4, 32767, 0, 32767),
-        "velocity_limit": _e(44, 4, model.velocity_limit, 0, 1023),
+        "velocity_limit": _e(44, 4, model.velocity_limit, 0, fastest),
         "max_position_limit": _e(48, 4, 4095, 0, 4095),
         "min_position_limit": _e(52, 4, 0, 0, 4095),
-        "shutdown": _e(63, 1, 0x34, 0, 0x3D),
+        "shutdown": _e(63, 1, series.shutdown, 0, 0x3D),
         "torque_enable": _w(64, 1, high=1),
-        "led": _w(65, 1, high=1),
         "status_return_level": _w(68, 1, 2, high=2),
         "registered_instruction": _r(69, 1),
         "hardware_error_status": _r(70, 1),
-        "velocity_i_gain": _w(76, 2, 1920, high=16383),
-        "velocity_p_gain": _w(78, 2, 100, high=16383),
-        "position_d_gain": _w(80, 2, 0, high=16383),
-        "position_i_gain": _w(82, 2, 0, high=16383),
-        "position_p_gain": _w(84, 2, 850, high=16383),
+        "velocity_i_gain": _w(76, 2, gains.velocity_i, high=16383),
+        "velocity_p_gain": _w(78, 2, gains.velocity_p, high=16383),
+        "position_d_gain": _w(80, 2, gains.position_d, high=16383),
+        "position_i_gain": _w(82, 2, gains.position_i, high=16383),
+        "position_p_gain": _w(84, 2, gains.position_p, high=16383),
         "feedforward_2nd_gain": _w(88, 2, 0, high=16383),
         "feedforward_1st_gain": _w(90, 2, 0, high=16383),
         "bus_watchdog": _w(98, 1, 0, -1, 127),
         "goal_pwm": _w(100, 2, 885, -885, 885),
-        "goal_velocity": _w(104, 4, 0, -1023, 1023),
+        "goal_velocity": _w(104, 4, 0, -fastest, fastest),
         "profile_acceleration": _w(108, 4, 0, high=32767),
         "profile_velocity": _w(112, 4, 0, high=32767),
         "goal_position": _w(116, 4, 0, -TURNS, TURNS),
@@ -89,11 +89,24 @@ def table2(model: Model) -> Table:
         table["present_current"] = _r(126, 2, signed=True)
     else:
         table["present_load"] = _r(126, 2, signed=True)
-    for first, addresses, data in ((0, 168, 224), (28, 578, 634)):
-        for k in range(28):
+    if series.acceleration_limit:
+        table["acceleration_limit"] = _e(40, 4, 32767, 0, 32767)
+    if series.led:
+        table["led"] = _w(65, 1, high=1)
+    if series.slope:
+        table["pwm_slope"] = _e(62, 1, series.slope, 1, 255)
+    if series.ports:
+        for k in range(3):
+            table[f"external_port_mode_{k + 1}"] = _e(56 + k, 1, 3, 0, 3)
+            table[f"external_port_data_{k + 1}"] = _w(152 + 2 * k, 2)
+    end = max(data + count for _, data, count in series.indirect) - 1
+    number = 0
+    for addresses, data, count in series.indirect:
+        for k in range(count):
+            number += 1
             # By default, as in a new servo, an indirect address refers to its own indirect data.
-            table[f"indirect_address_{first + k + 1}"] = _w(addresses + 2 * k, 2, data + k, 64, 661)
-            table[f"indirect_data_{first + k + 1}"] = _w(data + k, 1)
+            table[f"indirect_address_{number}"] = _w(addresses + 2 * k, 2, data + k, 64, end)
+            table[f"indirect_data_{number}"] = _w(data + k, 1)
     return table
 
 

@@ -19,6 +19,7 @@ class Model:
         stall_current: A at 12 V.
         no_load_speed: rad/s at 12 V.
         mass: kg.
+        nominal_voltage: V, of the supply for which these values are.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Model:
     stall_current: float
     no_load_speed: float
     mass: float
+    nominal_voltage: float = 12.0
 
     @property
     def torque_constant(self) -> float:

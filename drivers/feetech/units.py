@@ -33,7 +33,7 @@ class FeetechUnits(Units):
     """STS servos on one bus. A sample is position to current, a check everything volatile up to there."""
 
     goal_format: ClassVar[str] = "u"
-    velocity_unit, current_unit = PER_COUNT, CURRENT
+    velocity_unit = PER_COUNT
     sample = extra = (56, 15)
     check = (40, 31)
 
@@ -46,6 +46,7 @@ class FeetechUnits(Units):
         super().__init__(config.ids, motors)
         scale = np.array([motor.scale for motor in motors])
         self.per_velocity = self.per_count
+        self.current_unit = np.full(len(motors), CURRENT)
         self.current_effort = np.array([motor.newton_metres for motor in motors]) * CURRENT / scale
         self._begin(1)
 

@@ -11,7 +11,7 @@ PER_COUNT: Final = 2 * pi / COUNTS  # rad
 
 
 class Nominal(Protocol):
-    """The nominal values of any bus servo at 12 V: N m, A, rad/s, kg, N m/A."""
+    """The nominal values of any bus servo: N m, A, rad/s, kg, N m/A, and V of the supply that they are for."""
 
     @property
     def name(self) -> str: ...
@@ -24,6 +24,9 @@ class Nominal(Protocol):
 
     @property
     def no_load_speed(self) -> float: ...
+
+    @property
+    def nominal_voltage(self) -> float: ...
 
     @property
     def mass(self) -> float: ...

@@ -19,6 +19,7 @@ from srl.drivers.servo_bus.register import Register
 from srl.runtime.contracts.signals import Array
 
 VOLT: Final = 0.1  # V of one unit of a sample
+_TURNING: Final = ("extended", "current-position")  # modes in which a servo counts whole turns
 
 
 class Parser(Protocol):
@@ -93,11 +94,12 @@ class Units(ABC):
         config: the profile's options; set by the subclass, as `wire`, `tables` and `mode` are.
         wire: the protocol's encoders.
         tables: each motor's registers.
-        mode: what is commanded; "extended" is position over several turns.
+        mode: what is commanded; "extended" and "current-position" are positions over several turns.
         sample: (address, size) read in every cycle: position, velocity, current or load.
         extra: (address, size) of the same plus voltage and temperature.
         check: (address, size) of torque enable and of the registers that show a fault.
-        velocity_unit, current_unit: rad/s and A of one unit of a sample.
+        velocity_unit: rad/s of one unit of a sample.
+        current_unit: (n,) A of one unit of each motor's current.
         per_velocity, current_effort: (n,) rad/s and N m (m/s, N) of an axis for these.
         unit: the command of one unit of the goals' register, (n,), negative for a reversed motor.
         low, high: bounds of the goals, (n,), in register units.
@@ -111,7 +113,7 @@ class Units(ABC):
     mode: str
     goal_format: ClassVar[str] = "i"  # of the goals' register, for numpy
     velocity_unit: ClassVar[float]
-    current_unit: ClassVar[float]
+    current_unit: Array
     per_velocity: Array
     current_effort: Array
     check: tuple[int, int]
@@ -191,7 +193,7 @@ class Units(ABC):
 
         A servo counts turns only while it has power. It must not have moved by half a turn in the meantime.
         """
-        if self.mode == "extended" and self.seen is not None:
+        if self.mode in _TURNING and self.seen is not None:
             turns = round((int(self.seen[i]) - counts) / COUNTS)
             self.offset[i] += turns * COUNTS * self.per_count[i]
 

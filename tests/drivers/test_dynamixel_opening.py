@@ -39,7 +39,7 @@ def torque(rig: Rig) -> Any:
 @pytest.mark.parametrize(
     ("options", "motors", "complaint"),
     [
-        ({"mode": "effort"}, THREE, "slide is an MX-28, which has no current control"),
+        ({"mode": "effort"}, THREE, "slide: MX-28 has no current control, which mode 'effort' needs"),
         ({}, {"a": {"model": "MX-64"}, "b": {"model": "MX-64", "id": 1}}, "id 1 is used twice, by a and b"),
         ({}, {"a": {"model": "MX-64", "home": 0.1}, "b": {"model": "MX-64"}}, "b has no home"),
         ({"baudrate": 123456}, THREE, "no servo of protocol 2 has a baud rate of 123456"),

@@ -220,7 +220,7 @@ def test_a_hot_servo_is_told_before_and_stops_the_limb():
 def test_a_low_supply_is_told():
     with FeetechRig(make_twin()) as rig:
         where = rig.hold()
-        rig.twin.bus.chain.motors.voltage = 3.5
+        rig.twin.bus.chain.motors.voltage[:] = 3.5
         rig.run(45, where)
         assert "has 3.5 V, its limits are 4.0 to 14.0 V" in rig.fault
 

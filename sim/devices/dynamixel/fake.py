@@ -8,7 +8,7 @@ from srl.drivers.dynamixel import Dynamixel
 from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import Family, Family2, family
 from srl.drivers.dynamixel.faults import DynamixelFaults
-from srl.drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
+from srl.drivers.dynamixel.table import table
 from srl.runtime.contracts.signals import Kind, Stop
 from srl.runtime.contracts.world import World
 from srl.sim.devices.shared.servo_fake import FakeServos, FakeServosConfig
@@ -16,7 +16,6 @@ from srl.sim.parts.dynamixel.chain import DynamixelChain
 from srl.sim.parts.servo_bus.motors import Motors
 
 REBOOT: Final = 300_000_000  # ns that a servo takes to reboot
-_MODES: Final = {"position": POSITION, "extended": EXTENDED, "velocity": VELOCITY, "effort": CURRENT}
 
 
 class FakeDynamixelConfig(FakeServosConfig):
@@ -36,6 +35,7 @@ class FakeDynamixel(FakeServos):
         super().__init__(name, config, world, options, DynamixelChain)
         self.units, self._faults = family(config), DynamixelFaults(tuple(config.motors))
         self._kind = self._command.kind
+        self._amps = dict(zip(self.numbers, self.units.current_unit.tolist(), strict=True))
         self._fresh = [self._memory(i) for i in range(len(config.motors))]
         self._wrote = False
         self._back_at: dict[int, int] = {}  # world time, ns, at which each rebooting motor is back
@@ -43,14 +43,15 @@ class FakeDynamixel(FakeServos):
     # -- life cycle
 
     def _prepare(self) -> None:
-        motors, mode = self.motors, _MODES[self._config.mode]
-        for i in self.numbers:
+        motors, mode = self.motors, Family2.MODES[self._config.mode]
+        for k, i in enumerate(self.numbers):
             if motors.mode[i] != mode:
                 motors.mode[i] = mode
                 motors.switch(i, False)
                 motors.fold(i)
             motors.stopped[i] = motors.profile_velocity[i] = 0.0
             motors.goal_velocity[i] = motors.goal_current[i] = 0.0
+            self._press(k)
         if self.units.seen is not None:
             for k, i in enumerate(self.numbers):
                 self.units.take_up_turns(k, int(motors.counts[i]))
@@ -109,7 +110,13 @@ class FakeDynamixel(FakeServos):
         elif self._kind is Kind.VELOCITY:
             motors.goal_velocity[i] = goal * self.units.velocity_unit
         else:
-            motors.goal_current[i] = goal * self.units.current_unit
+            motors.goal_current[i] = goal * self._amps[i]
+
+    def _press(self, k: int) -> None:
+        """Bounds the effort of the bus' motor `k` in mode `current-position`."""
+        if isinstance(self.units, Family2) and self._config.mode == "current-position":
+            i = self.numbers[k]
+            self.chain.motors.goal_current[i] = self.units.pressure[k] * self._amps[i]
 
     def _zero(self) -> None:
         """Sets velocity and effort goals to 0."""
@@ -145,7 +152,8 @@ class FakeDynamixel(FakeServos):
             if self.world.time >= at:
                 i, motors = self.numbers[k], self.motors
                 motors.power_up(i)
-                motors.mode[i] = _MODES[self._config.mode]
+                motors.mode[i] = Family2.MODES[self._config.mode]
+                self._press(k)
                 self.units.take_up_turns(k, int(motors.counts[i]))
                 del self._back_at[k]
                 self._faults.errors.pop(k, None)

@@ -1,4 +1,4 @@
-"""The twin of a Dynamixel bus: simulated MX servos with the real protocol on a half-duplex line."""
+"""The twin of a Dynamixel bus: simulated servos with the real protocol on a half-duplex line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class DynamixelTwin(ServoLine):
 
     Attributes:
         servos: in the order of the profile's motors.
-        fast: whether fast sync reads are answered, as other families do; an MX doesn't answer.
+        fast: whether fast sync reads are answered, as newer firmware of X servos does; an MX doesn't answer.
     """
 
     def __init__(self, fake: FakeDynamixel) -> None:

@@ -11,7 +11,7 @@ from srl.drivers.dynamixel.models import Model
 from srl.drivers.dynamixel.table import POSITION, table
 from srl.drivers.servo_bus.models import CENTRE
 from srl.drivers.servo_bus.register import Register
-from srl.sim.parts.servo_bus.motors import Motors
+from srl.sim.parts.dynamixel.motors import DynamixelMotors
 
 
 class Registers(ABC):
@@ -27,15 +27,15 @@ class Registers(ABC):
     """
 
     protocol: int
-    size: int
     access_error: int
     length_error: int
     range_error: int
 
-    def __init__(self, motors: Motors, i: int, model: Model, id: int, baud: int, firmware: int) -> None:
+    def __init__(self, motors: DynamixelMotors, i: int, model: Model, id: int, baud: int, firmware: int) -> None:
         self.motors, self.i, self.model = motors, i, model
         self.mounted_for = 0, False  # offset and reverse mode for which its horn is mounted: those of the profile
         self.by_name = table(model, self.protocol)
+        self.size = max(register.end for register in self.by_name.values())
         self._at: list[Register | None] = [None] * self.size
         self._names = {register.address: name for name, register in self.by_name.items()}
         for register in self.by_name.values():

@@ -21,7 +21,6 @@ class Servo1(Registers):
     """See `Registers`. Not simulated: the resolution divider, the multi-turn offset, the lock. Slaves are refused."""
 
     protocol = 1
-    size = 74
     # The angle error is only for goals beyond the angle limits.
     access_error = length_error = range_error = protocol1.RANGE
 
@@ -33,7 +32,7 @@ class Servo1(Registers):
         self.put("present_position", self.shown(int(m.counts[i])))
         self.put("present_speed", with_sign(speed))
         self.put("present_load", with_sign(sign * m.current[i] / m.stall_current[i] * 1000))
-        self.put("present_voltage", whole(m.voltage * 10))
+        self.put("present_voltage", whole(m.voltage[i] * 10))
         self.put("present_temperature", whole(m.temperature[i]))
         self.put("moving", int(abs(speed) > 5))
         self.put("realtime_tick", self.now // 1_000_000 % 32768)

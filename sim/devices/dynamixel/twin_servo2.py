@@ -1,15 +1,16 @@
-"""A simulated MX servo with protocol 2 firmware."""
+"""A simulated servo with protocol 2 firmware."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from srl.drivers.dynamixel import protocol2
-from srl.drivers.dynamixel.family import CURRENT2, VELOCITY2
-from srl.drivers.dynamixel.table import CURRENT, CURRENT_POSITION, EXTENDED, POSITION, PWM, VELOCITY
+from srl.drivers.dynamixel.family import VELOCITY2, Family2
+from srl.drivers.dynamixel.models import Gains
+from srl.drivers.dynamixel.table import CURRENT, POSITION, PWM
 from srl.sim.devices.dynamixel.twin_registers import REVERSE, RPM, Registers
+from srl.sim.parts.dynamixel.motors import FULL_PWM
 
-FULL_PWM: Final = 885
 _ACCELERATION: Final = 214.577 * RPM / 60  # rad/s^2 per unit
 _GOALS: Final = {
     "goal_pwm",
@@ -19,7 +20,6 @@ _GOALS: Final = {
     "profile_velocity",
     "profile_acceleration",
 }
-_INDIRECT: Final = ((168, 224, 28), (578, 634, 28))  # addresses, data, number
 
 
 class Servo2(Registers):
@@ -30,12 +30,11 @@ class Servo2(Registers):
     """
 
     protocol = 2
-    size = 662
     access_error, length_error, range_error = protocol2.ACCESS, protocol2.LENGTH, protocol2.RANGE
 
     def read(self, address: int, size: int) -> tuple[int, bytes]:
         error, data = super().read(address, size)
-        if error or not any(address < at + n and address + size > at for _, at, n in _INDIRECT):
+        if error or not any(address < at + n and address + size > at for _, at, n in self.model.series.indirect):
             return error, data
         out = bytearray(data)
         for k in range(size):
@@ -66,14 +65,14 @@ class Servo2(Registers):
         self.put("moving", int(abs(speed) > self.get("moving_threshold")))
         self.put("present_pwm", round(sign * float(m.pwm[i]) * FULL_PWM))
         if self.model.senses_current:
-            self.put("present_current", round(amps / CURRENT2))
+            self.put("present_current", round(amps / self.model.current_unit))
         else:
             self.put("present_load", round(min(max(amps / self.model.stall_current, -1), 1) * 1000))
         self.put("present_velocity", round(speed))
         self.put("present_position", self.shown(counts))
         self.put("velocity_trajectory", round(sign * float(m.trajectory_velocity[i]) / VELOCITY2))
         self.put("position_trajectory", round(self.shown(trajectory)))
-        self.put("present_input_voltage", round(m.voltage * 10))
+        self.put("present_input_voltage", round(m.voltage[i] * 10))
         self.put("present_temperature", round(float(m.temperature[i])))
         profile = (3 if m.profile_acceleration[i] else 1) if m.profile_velocity[i] else 0
         there, on_the_way = abs(goal - counts) < 20, abs(goal - trajectory) > 1
@@ -87,9 +86,7 @@ class Servo2(Registers):
         if name == "bus_watchdog" and value < 0:
             return protocol2.RANGE
         if name == "operating_mode":
-            modes = {VELOCITY, POSITION, EXTENDED, PWM}
-            if self.model.senses_current:
-                modes |= {CURRENT, CURRENT_POSITION}
+            modes = {PWM, *(Family2.MODES[mode] for mode in self.model.modes)}
             return 0 if value in modes else protocol2.RANGE
         if name == "goal_position" and self.get("operating_mode") == POSITION:
             inside = self.get("min_position_limit") <= value <= self.get("max_position_limit")
@@ -120,11 +117,11 @@ class Servo2(Registers):
             case "goal_velocity":
                 m.goal_velocity[i] = self.sign * value * VELOCITY2
             case "goal_current":
-                m.goal_current[i] = self.sign * value * CURRENT2
+                m.goal_current[i] = self.sign * value * self.model.current_unit
             case "goal_pwm" | "pwm_limit":
                 self._set_pwm()
             case "current_limit":
-                m.current_cap[i] = value * CURRENT2
+                m.current_cap[i] = value * self.model.current_unit
             case "profile_velocity":
                 m.profile_velocity[i] = value * VELOCITY2
             case "profile_acceleration":
@@ -160,7 +157,7 @@ class Servo2(Registers):
 
     def _target(self, address: int) -> int:
         """The address to which an indirect address points; other and invalid addresses point to themselves."""
-        for addresses, data, count in _INDIRECT:
+        for addresses, data, count in self.model.series.indirect:
             if data <= address < data + count:
                 at = addresses + 2 * (address - data)
                 target = self.memory[at] | self.memory[at + 1] << 8
@@ -198,9 +195,4 @@ class Servo2(Registers):
         m.pwm_cap[i] = (limit if driven else min(abs(goal), limit)) / FULL_PWM
 
     def _set_gains(self) -> None:
-        m, i = self.motors, self.i
-        m.kp[i] = self.get("position_p_gain") / 128 / FULL_PWM
-        m.ki[i] = self.get("position_i_gain") / 65536 / FULL_PWM * 1000
-        m.kd[i] = self.get("position_d_gain") / 16 / FULL_PWM * 0.001
-        m.velocity_kp[i] = self.get("velocity_p_gain") / 128 / FULL_PWM / VELOCITY2
-        m.velocity_ki[i] = self.get("velocity_i_gain") / 65536 / FULL_PWM / VELOCITY2 * 1000
+        self.motors.tune(self.i, Gains(*(self.get(f"{name}_gain") for name in Gains._fields)))

@@ -163,7 +163,7 @@ class Servo:
         self.put("present_position", self.position)
         self.put("present_velocity", _whole(m.velocity[i] / PER_COUNT))
         self.put("present_load", _whole(m.pwm[i] * 1000))
-        self.put("present_voltage", _whole(m.voltage / VOLT))
+        self.put("present_voltage", _whole(m.voltage[i] / VOLT))
         self.put("present_temperature", _whole(m.temperature[i]))
         self.put("status", self.error_bits)
         self.put("moving", int(abs(m.velocity[i]) > 20 * PER_COUNT))

@@ -143,7 +143,7 @@ class OdriveNode(Node):
             case Command.TEMPERATURE if new:
                 data = struct.pack("<ff", motors.stage[i], motors.temperature[i])
             case Command.BUS:
-                data = struct.pack("<ff", motors.voltage, 0.0)
+                data = struct.pack("<ff", motors.voltage[i], 0.0)
             case Command.TORQUES if new:
                 data = struct.pack("<ff", torque, torque)
             case _:

@@ -148,7 +148,7 @@ class FakeServos(Fake):
         if self._sample is None:
             motors, of = self.motors, self._of
             values = motors.counts[of], motors.velocity[of], motors.current[of], motors.temperature[of]
-            self._sample = self.world.time, np.array([*values, np.full(of.size, motors.voltage)])
+            self._sample = self.world.time, np.array([*values, motors.voltage[of]])
 
     def _deliver(self, found: Array, taken: int) -> None:
         """Gives a sample to the driver's signals.

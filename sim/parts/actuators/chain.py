@@ -7,6 +7,7 @@ from typing import ClassVar
 from pydantic import Field, field_validator
 
 from srl.runtime.contracts.errors import OptionError, nearest
+from srl.runtime.contracts.signals import Array
 from srl.sim.parts.actuators.models import MODELS, ActuatorModel
 from srl.sim.parts.actuators.motors import ActuatorMotors, IdealMotors
 from srl.sim.parts.servo_bus.chain import ServoAxis, ServoChain, ServoChainConfig
@@ -51,7 +52,7 @@ class ActuatorChain(ServoChain[ActuatorMotors]):
     catalogue = MODELS
     summary = "chain of axes with actuators on CAN: CubeMars AK, Damiao, ODrive"
 
-    def servos(self, voltage: float, timestep: float) -> ActuatorMotors:
+    def servos(self, voltage: Array, timestep: float) -> ActuatorMotors:
         assert all(isinstance(model, ActuatorModel) for model in self.models)
         models = [model for model in self.models if isinstance(model, ActuatorModel)]
         assert isinstance(self._config, ActuatorChainConfig)

@@ -58,14 +58,15 @@ class ActuatorMotors(Drives):
     stage: Row  # degC, of the power stage
     errors: Row  # bits
 
-    def __init__(self, models: Sequence[ActuatorModel], voltage: float, timestep: float) -> None:
+    def __init__(self, models: Sequence[ActuatorModel], voltage: Array | float, timestep: float) -> None:
         super().__init__(len(models), voltage, timestep)
         self.models = tuple(models)
         self.peak_torque = np.array([m.peak_torque for m in models])
         self.torque_constant = np.array([m.torque_constant for m in models])
         self.inertia = np.array([m.inertia for m in models])
         self.friction = _FRICTION * self.peak_torque
-        self._no_load = np.array([m.no_load_speed * voltage / m.nominal_voltage for m in models])
+        speed = np.array([m.no_load_speed for m in models])
+        self._no_load = speed * self.voltage / np.array([m.nominal_voltage for m in models])
         self.temperature[:] = self.stage[:] = AMBIENT
         for i in range(self.n):
             self.power_up(i)
@@ -171,7 +172,7 @@ class ActuatorMotors(Drives):
 class IdealMotors(ActuatorMotors):
     """Drives that give the torque they are asked for, at any speed, for ever: a law seen without its motors."""
 
-    def __init__(self, models: Sequence[ActuatorModel], voltage: float, timestep: float) -> None:
+    def __init__(self, models: Sequence[ActuatorModel], voltage: Array | float, timestep: float) -> None:
         super().__init__(models, voltage, timestep)
         self.inertia, self.friction = np.zeros(self.n), np.zeros(self.n)
         self.peak_torque = np.full(self.n, _UNBOUNDED)

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from srl.drivers.feetech.models import MODELS
+from srl.runtime.contracts.signals import Array
 from srl.sim.parts.feetech.motors import FeetechMotors
 from srl.sim.parts.servo_bus.chain import ServoAxis, ServoChain, ServoChainConfig
 from srl.sim.world.part import PartConfig
@@ -31,5 +32,5 @@ class FeetechChain(ServoChain[FeetechMotors]):
     catalogue = MODELS
     summary = "chain of axes with Feetech STS servos"
 
-    def servos(self, voltage: float, timestep: float) -> FeetechMotors:
+    def servos(self, voltage: Array, timestep: float) -> FeetechMotors:
         return FeetechMotors(self.models, voltage, timestep)

@@ -21,7 +21,7 @@ from srl.runtime.models.robot_model import WeighedRobot
 from srl.runtime.models.robots import RobotDescription
 from srl.runtime.models.skeleton.arms import Side
 from srl.sim.parts.servo_bus.drives import Drives
-from srl.sim.parts.servo_bus.motors import AMBIENT, NOMINAL
+from srl.sim.parts.servo_bus.motors import AMBIENT
 from srl.sim.world.mjcf import CONTACT, add
 from srl.sim.world.part import Mjcf, Part, PartConfig
 from srl.sim.world.robot_mjcf import add_chain
@@ -74,7 +74,7 @@ class ServoChainConfig(PartConfig):
         default=None,
         description="an arm, such as one of `models:` from its URDF: the chain has its links and its joints' names",
     )
-    voltage: float = Field(NOMINAL, gt=0, description="V, of the supply")
+    voltage: float | None = Field(None, gt=0, description="V, of the supply; none: that for which each is made")
     ambient: float = Field(AMBIENT, description="degC, where the servos begin")
 
     @model_validator(mode="after")
@@ -195,12 +195,18 @@ class ServoChain(Part, Generic[D]):
         self.every = 1
 
     @abstractmethod
-    def servos(self, voltage: float, timestep: float) -> D:
-        """The servos, in V and s."""
+    def servos(self, voltage: Array, timestep: float) -> D:
+        """The servos; `voltage`: (n,) V, `timestep`: s."""
+
+    @property
+    def _supplies(self) -> Array:
+        """(n,) V."""
+        given = self._config.voltage
+        return np.array([model.nominal_voltage if given is None else given for model in self.models])
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
-        drives = self.servos(config.voltage, 1e-3)
+        drives = self.servos(self._supplies, 1e-3)
         if config.robot is not None:
             joints = {
                 axis_name: {
@@ -263,7 +269,7 @@ class ServoChain(Part, Generic[D]):
         self._u = np.array([int(model.actuator(f"{self.name}/{axis}").id) for axis in self.names])
         self._tip = int(model.site(f"{self.name}/tip").id)
         data.qpos[self._q] = [axis.start for axis in self._config.chain.values()]
-        self.motors = self.servos(self._config.voltage, float(model.opt.timestep))
+        self.motors = self.servos(self._supplies, float(model.opt.timestep))
         self.motors.temperature[:] = self._config.ambient
         self.measure()
         for i in range(len(self.names)):

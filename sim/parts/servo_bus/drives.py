@@ -17,7 +17,7 @@ class Drives(ABC):
 
     Attributes:
         n: number of motors.
-        voltage: V, of the supply.
+        voltage: (n,) V, of their supplies.
         torque: (n,) 0 or 1: whether they are driven; temperature: (n,) degC; current: (n,) A.
         torque_constant: (n,) N m/A.
         inertia: (n,) kg m^2, of the rotors at the output shafts.
@@ -33,9 +33,10 @@ class Drives(ABC):
     inertia: Array
     friction: Array
 
-    def __init__(self, n: int, voltage: float, timestep: float) -> None:
-        """`timestep`: s, of the physics."""
-        self.n, self.voltage, self._dt = n, voltage, timestep
+    def __init__(self, n: int, voltage: Array | float, timestep: float) -> None:
+        """`voltage`: V, of all or (n,) of each; `timestep`: s, of the physics."""
+        self.n, self._dt = n, timestep
+        self.voltage = np.full(n, voltage, float)
         kinds = [getattr(cls, "__annotations__", {}) for cls in reversed(type(self).__mro__)]
         rows = dict.fromkeys(name for kind in kinds for name, what in kind.items() if what == "Row")
         self.state = np.zeros((len(rows), n))

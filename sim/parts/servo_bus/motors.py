@@ -1,6 +1,6 @@
-"""MX servos at their shafts: DC motors with gears, the firmware's control loops, heat and shutdown.
+"""Servos at their shafts: DC motors with gears, the firmware's control loops, heat and shutdown.
 
-The values are the vendor's nominal ones at 12 V (fact sheet dynamixel_mx). No source gives the following
+The values are the vendor's nominal ones. No source gives the following
 assumptions. Rotors reach their speed with a time constant of 20 ms. Dry friction is 2 % of the stall torque. A case
 reaches 80 degC after some 20 s at the stall current, and overload comes after 1.5 s above 80 % of it. Control loops
 run once per physics step.
@@ -21,7 +21,6 @@ CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 SPIN_UP: Final = 0.02  # s
 FRICTION: Final = 0.02  # share of the stall torque
 COASTING: Final = 0.1  # share of the motor's drag that the gears alone have while the torque is off
-NOMINAL: Final = 12.0  # V
 AMBIENT: Final = 25.0  # degC
 _HEAT_TIME, _HEAT_RISE = 100.0, 270.0  # s; K at the stall current, final value
 _OVERLOAD, _OVERLOAD_TIME = 0.8, 1.5  # share of the stall current; s
@@ -61,11 +60,12 @@ class Motors(Drives):
     shutdown: Row  # bits that switch the torque off
     temperature_limit: Row  # degC
 
-    def __init__(self, models: Sequence[Nominal], voltage: float, timestep: float) -> None:
+    def __init__(self, models: Sequence[Nominal], voltage: Array | float, timestep: float) -> None:
         super().__init__(len(models), voltage, timestep)
         self.models = tuple(models)
         self.stall_torque = np.array([m.stall_torque for m in models])
         self.stall_current = np.array([m.stall_current for m in models])
+        self.nominal_voltage = np.array([m.nominal_voltage for m in models])
         self.torque_constant = self.stall_torque / self.stall_current
         self.inertia = SPIN_UP * self.stall_torque / np.array([m.no_load_speed for m in models])
         self.friction = FRICTION * self.stall_torque
@@ -149,7 +149,7 @@ class Motors(Drives):
         pwm += np.where(positional, self.kd, 0.0) * (error - self.last_error) / dt
         self.last_error[:] = error
         pwm = np.where(mode == PWM, self.goal_pwm, pwm)
-        full = self.stall_torque * self.voltage / NOMINAL
+        full = self.stall_torque * self.voltage / self.nominal_voltage
         drag = self._drag * speed
         pwm = np.where(mode == CURRENT, (self.goal_current * self.torque_constant + drag) / full, pwm)
         pwm = np.clip(pwm, -self.pwm_cap, self.pwm_cap) * (self.torque > 0)
