@@ -50,10 +50,6 @@ class Dynamixel(ServoBus):
         super().__init__(name, config, units, DynamixelFaults(tuple(config.motors)), command)
         self._kind = command.kind
         self._suspect_after = round(_SUSPECT * config.watchdog * 1e9)
-        self._arm = b""
-        if units.protocol == 2:
-            code = watchdog_code(config.watchdog)
-            self._arm = units.frame("bus_watchdog", 0) + units.frame("bus_watchdog", code)
         self._zero = b"" if self._kind is Kind.POSITION else units.again()  # the goals are still 0 here
         self._forget()
 
@@ -66,7 +62,17 @@ class Dynamixel(ServoBus):
         self._sampling = False
         self._hold: tuple[bytes, tuple[bytes, ...]] = b"", ()  # goals, and the stop frame made of them
         filler = self._units.filler
+        self._arm = self._watchdogs()
         self._limp_frames, self._zero_frames = (filler + self._limp * 2,), (filler + self._zero * 2,)
+
+    def _watchdogs(self) -> bytes:
+        """What clears and arms the watchdogs; a servo that one has stopped may have lost the bound of its effort."""
+        units, code = self._units, watchdog_code(self.config.watchdog)
+        if not isinstance(units, Family2):
+            return b""
+        bound = dict(zip(units.ids, units.pressure, strict=True))
+        pressing = units.frame("goal_current", bound) if self.config.mode == "current-position" else b""
+        return units.frame("bus_watchdog", 0) + pressing + units.frame("bus_watchdog", code)
 
     def _asker(self, link: Transport) -> Session:
         return Session(link, self._units, self.name)

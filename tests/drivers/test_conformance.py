@@ -175,6 +175,7 @@ OWN = {
     "softhand": (0.45, "switched its motor off"),
     "dynamixel-position-2": (0.5, "the bus watchdog"),
     "dynamixel-velocity-2": (0.5, "the bus watchdog"),
+    "dynamixel-current-position-2": (0.5, "the bus watchdog"),
     "dynamixel-effort-2": (0.5, "the bus watchdog"),
     "panda-torque": (0.1, "communication_constraints_violation"),
     "panda-velocity": (0.1, "communication_constraints_violation"),

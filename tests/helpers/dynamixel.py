@@ -28,12 +28,12 @@ _AXES = {
 }
 
 
-def cell(motors: dict[str, dict[str, Any]] = THREE, seed: int = 1, **options: Any) -> Cell:
-    """A chain `arm` with these motors; slides may move by 50 mm."""
+def cell(motors: dict[str, dict[str, Any]] = THREE, seed: int = 1, upper: float = 2.6, **options: Any) -> Cell:
+    """A chain `arm` with these motors; slides may move by 50 mm, others up to `upper`, rad."""
     axes = {}
     for name, motor in motors.items():
         built = {key: value for key, value in motor.items() if key in ("model", "m_per_rad", "reversed", "zero")}
-        ends = {"lower": -0.05, "upper": 0.05} if "m_per_rad" in motor else {}
+        ends = {"lower": -0.05, "upper": 0.05} if "m_per_rad" in motor else {"upper": upper}
         axes[name] = _AXES.get(name, {"axis": [0, 1, 0]}) | built | ends
     part = {"part": "dynamixel-chain", "axes": axes} | options
     return Cell(CellConfig.model_validate({"parts": {"arm": part}, "gravity": [0, 0, 0]}), seed)
@@ -45,9 +45,11 @@ def config(motors: dict[str, dict[str, Any]] = THREE, port: str = "/dev/null", *
     return DynamixelConfig.model_validate({"port": port, "baudrate": 1_000_000, "motors": numbered} | options)
 
 
-def make_twin(motors: dict[str, dict[str, Any]] = THREE, **options: Any) -> DynamixelTwin:
-    """The twin of such a bus."""
-    fake = FakeDynamixel("bus", config(motors, **options), cell(motors), FakeDynamixelConfig())
+def make_twin(
+    motors: dict[str, dict[str, Any]] = THREE, world: Cell | None = None, **options: Any
+) -> DynamixelTwin:  # fmt: skip
+    """The twin of such a bus; the world is one without a wall."""
+    fake = FakeDynamixel("bus", config(motors, **options), world or cell(motors), FakeDynamixelConfig())
     return DynamixelTwin(fake)
 
 
@@ -183,6 +185,8 @@ BOTH = pytest.mark.parametrize("protocol", [2, 1])
 
 
 TWO = {"shoulder": {"model": "MX-106"}, "elbow": {"model": "MX-64"}}
+X = {"shoulder": {"model": "XM430-W350"}, "elbow": {"model": "XL330-M288"}}
+PRESSING = {"shoulder": X["shoulder"] | {"effort": 2.0}, "elbow": X["elbow"] | {"effort": 0.2}}
 
 
 def truth(rig: Rig) -> Any:

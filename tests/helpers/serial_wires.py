@@ -42,6 +42,7 @@ from srl.sim.world.cell import Cell, CellConfig
 PINS = (9, 10)
 JOINTS = ("abduction", "flexion_1")  # as the world calls its servos
 RANGE = (100, 17_500)  # ticks of the SoftHand
+Motors = dict[str, dict[str, Any]]
 DYNAMIXEL: dict[str, tuple[dict[str, float], float, float]] = {  # by mode: guard, amplitude, rate
     "position": ({"velocity": 3.0, "acceleration": 30.0}, 0.3, 3.0),
     "velocity": ({"velocity": 2.0, "acceleration": 10.0}, 0.8, 10.0),
@@ -49,6 +50,7 @@ DYNAMIXEL: dict[str, tuple[dict[str, float], float, float]] = {  # by mode: guar
 }
 GOALS = {  # registers of both protocols
     "position": {"goal_position"},
+    "current-position": {"goal_position"},
     "velocity": {"goal_velocity", "moving_speed"},
     "effort": {"goal_current", "goal_torque"},
 }
@@ -169,16 +171,19 @@ class SoftHandWire(SerialWire):
 
 
 class DynamixelWire(SerialWire):
-    """Two MX servos."""
+    """Two servos; those of `models` have their own units."""
 
-    def __init__(self, patch: pytest.MonkeyPatch, to: Path, protocol: int, mode: str, **options: Any) -> None:
-        motors = {name: {"id": k} | motor for k, (name, motor) in enumerate(dynamixel.TWO.items(), 1)}
+    def __init__(
+        self, patch: pytest.MonkeyPatch, to: Path, protocol: int, mode: str, models: Motors = dynamixel.TWO,
+        **options: Any,
+    ) -> None:  # fmt: skip
+        motors = {name: {"id": k} | motor for k, (name, motor) in enumerate(models.items(), 1)}
         given = {"port": "/dev/null", "baudrate": 1_000_000, "protocol": protocol, "mode": mode, "motors": motors}
         given |= options
-        twin = dynamixel.make_twin(dynamixel.TWO, protocol=protocol, mode=mode, **options)
+        twin = dynamixel.make_twin(models, protocol=protocol, mode=mode, **options)
         driver = Dynamixel("device", DynamixelConfig.model_validate(given))
         (command,) = driver.commands
-        guard, amplitude, rate = DYNAMIXEL[mode]
+        guard, amplitude, rate = DYNAMIXEL[mode if mode in DYNAMIXEL else "position"]
         family = driver._units
         setting = Setting(
             "dynamixel", given, command, guard, np.zeros(2), amplitude, 100.0, rate,

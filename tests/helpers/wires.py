@@ -15,6 +15,7 @@ import pytest
 from helpers.arm_wires import EXACT, PANDA, UR, PandaWire, UrWire
 from helpers.bad_link import Hang
 from helpers.can_wires import AxesWire, MitWire
+from helpers.dynamixel import PRESSING
 from helpers.serial_wires import DYNAMIXEL, DynamixelWire, FeetechWire, FirmataWire, SoftHandWire
 from helpers.twin import bound
 from helpers.under_guard import Setting, Wire
@@ -99,6 +100,9 @@ for _mode in ("velocity", "effort"):
 for _mode in DYNAMIXEL:
     for _protocol in (1, 2):
         WIRES[f"dynamixel-{_mode}-{_protocol}"] = partial(DynamixelWire, protocol=_protocol, mode=_mode, watchdog=2.0)
+WIRES["dynamixel-current-position-2"] = partial(
+    DynamixelWire, protocol=2, mode="current-position", models=PRESSING, watchdog=2.0
+)
 for _mode in PANDA:
     WIRES[f"panda-{_mode}"] = partial(PandaWire, interface=_mode)
 for _mode in UR:

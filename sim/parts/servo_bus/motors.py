@@ -124,10 +124,12 @@ class Motors(Drives):
         self.goal_position[i] = goal
 
     def halt(self, i: int) -> None:
-        """The bus watchdog: motor `i` stops and holds its position."""
+        """The bus watchdog: motor `i` stops and holds its position, within its current where that bounds it."""
         self.stopped[i] = 1.0
         self.goal_position[i] = self.trajectory[i] = self.counts[i]
-        self.goal_velocity[i] = self.goal_current[i] = self.goal_pwm[i] = self.trajectory_velocity[i] = 0.0
+        self.goal_velocity[i] = self.goal_pwm[i] = self.trajectory_velocity[i] = 0.0
+        if self.mode[i] != CURRENT_POSITION:
+            self.goal_current[i] = 0.0
 
     def step(self) -> Array:
         """Runs all control loops once; returns the motors' torques (n,), N m.
