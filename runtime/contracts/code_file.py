@@ -113,12 +113,17 @@ def _module(path: str, file: KeptFile, place: str) -> types.ModuleType:
     name = f"{_MODULE}{Path(path).stem}_{digest[:16]}"
     if name in sys.modules:
         return sys.modules[name]
+    try:
+        # Not by a coding that it declares: what a person reads as a comment might be none.
+        text = file.content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise CodeError(place, f"{path} isn't UTF-8 text", "Name a file of Python, saved as UTF-8") from None
     module = types.ModuleType(name)
     module.__file__ = str(file.path)
     module.__dict__["__srl_path__"] = path
     sys.modules[name] = module  # dataclasses and pydantic look a class's module up
     try:
-        exec(compile(file.content, str(file.path), "exec", dont_inherit=True), module.__dict__)
+        exec(compile(text, str(file.path), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise _failed(error, path, file, place) from error

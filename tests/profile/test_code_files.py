@@ -137,7 +137,7 @@ CODE: dict[str, tuple[str, str]] = {
     "no shape": (_broken('name="x", shape=(1,)', 'name="x", shape=(2,)'), "neither `labels` nor `slots`"),
     "no text": ("\0\1\2", "follow.py"),
     "deep": (f"x = {'(' * 500}1{')' * 500}", "too many nested"),
-    "no UTF-8": ("é", "this isn't Python"),
+    "no UTF-8": ("é", "isn't UTF-8 text"),
 }
 
 
@@ -150,6 +150,13 @@ def test_code_that_cant_be_used_is_one_line_with_its_file_and_line(what: str, ho
     assert words in found
     assert "follow.py" in found or what == "no shape"
     assert found.count("\n") == 1, found
+
+
+def test_what_reads_as_a_comment_is_none_by_no_coding(home: Path) -> None:
+    hidden = "# +AAo-raise ValueError('hidden')"
+    assert "\nraise" in hidden.encode().decode("utf-7")
+    wiring.build(*profile.load(str(written(home, f"# coding: utf-7\n{hidden}\n{LAW}"))))
+    wiring.build(*profile.load(str(written(home, f"\ufeff{LAW}"))))
 
 
 def test_a_file_beside_it_is_no_module(home: Path) -> None:
