@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 import pytest
 from helpers.panel import shown
-from helpers.run import Running, alive, ended, environment, refused, srl
+from helpers.run import Running, alive, call, ended, environment, refused, srl
 from helpers.wait import until
 
 from srl.runtime.cli.panel import SECONDS, TRIALS, demo_curve
@@ -37,7 +37,8 @@ def test_the_demonstrations_curves_can_be_shown_and_begin_flat() -> None:
         (["--signal", "x", "--span", "nan", "1"], "--span"), (["--signal", "x", "--web-port", "70000"], "--web-port"),
         (["--signal", "x", "--out", "here"], "--demo"), ([], "no instance"), (["--web-port", "-1"], "--web-port"),
         (["--demo"], "Add --signal"), (["--span", "0", "1"], "Add --signal"), (["--held", "x"], "Add --signal"),
-        (["--signal", "x", "--recordings", "."], "--recordings"),
+        (["--signal", "x", "--recordings", "."], "--recordings"), (["--again"], "no instance"),
+        (["--again", "--signal", "x"], "--signal"), (["--again", "--port", "5000"], "--port"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(
@@ -65,10 +66,14 @@ def test_without_a_signal_the_page_is_the_panel_with_the_live_picture(run: Runni
         (page,) = psutil.Process(panel.pid).children()
         ears = [c for c in page.net_connections("inet") if c.status == psutil.CONN_LISTEN]
         assert [c.laddr.ip for c in ears] == ["127.0.0.1"]
+        said = call(run.folder, "panel", "--again").stdout.splitlines()
+        assert said[1] == "the panel:"
+        assert said[2].strip() != address
+        address = said[2].strip()  # the one before is worth nothing now
         scene, frames = asyncio.run(asyncio.wait_for(_scene_and_frames(address, 30), 60))
     names = [thing["name"] for thing in scene["things"]]
     assert {"hand.skeleton", "mapping.sphere"} <= set(names)
-    assert "finger.position" in [plot["title"] for plot in scene["plots"]]
+    assert "position (finger)" in [plot["title"] for plot in scene["plots"]]
     rows = run.reader.take()
     cycles, tips = run.layout.header(rows, "cycle"), run.layout.value(rows, "hand.skeleton")
     assert all(frame["condition"] == "live" for frame in frames)
@@ -80,6 +85,11 @@ def test_without_a_signal_the_page_is_the_panel_with_the_live_picture(run: Runni
             assert np.linalg.norm(shown - shown[0], axis=1) == pytest.approx(
                 np.linalg.norm(own - own[0], axis=1), abs=3e-4
             )
+
+
+@pytest.mark.slow
+def test_without_a_page_there_is_no_new_address(run: Running) -> None:
+    assert "srl panel sixth-finger" in call(run.folder, "panel", "--again", code=2).stderr
 
 
 @pytest.mark.slow
