@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _again(args: argparse.Namespace) -> int:
-    given = {"--port": args.port or None, "--recordings": args.recordings, "--signal": args.signal}
+    given = {"--web-port": args.web_port or None, "--recordings": args.recordings, "--signal": args.signal}
     for option, value in [*given.items(), *_of_the_screen(args)]:
         if value:
             raise RequestError(option, "the pages are there already, as they were begun", "Leave it out, or --again")
