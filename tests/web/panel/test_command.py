@@ -38,7 +38,7 @@ def test_the_demonstrations_curves_can_be_shown_and_begin_flat() -> None:
         (["--signal", "x", "--out", "here"], "--demo"), ([], "no instance"), (["--web-port", "-1"], "--web-port"),
         (["--demo"], "Add --signal"), (["--span", "0", "1"], "Add --signal"), (["--held", "x"], "Add --signal"),
         (["--signal", "x", "--recordings", "."], "--recordings"), (["--again"], "no instance"),
-        (["--again", "--signal", "x"], "--signal"), (["--again", "--web-port", "5000"], "--port"),
+        (["--again", "--signal", "x"], "--signal"), (["--again", "--web-port", "5000"], "--web-port"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(
