@@ -6,8 +6,11 @@ from srl.runtime.ipc.layout import Layout
 
 
 def said(layout: Layout, name: str) -> str:
-    """A signal's name in words: "skeleton (mapping)"; of the simulated world "arm tip, as simulated". Others stay."""
-    if name not in layout.fields:
+    """A signal's name in words: "skeleton (mapping)"; of the simulated world "arm tip, as simulated". Others stay.
+
+    `name` may be that of a command without its `_command`.
+    """
+    if name not in layout.fields and f"{name}_command" not in layout.fields:
         return name.replace("_", " ") if name in layout.devices else name
     owner, _, rest = name.partition(".")
     words = rest.replace("_", " ").replace(".", " ").strip() or owner

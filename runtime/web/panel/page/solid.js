@@ -105,6 +105,7 @@ export class Solid {
       else this.capsules(thing, values[i], live(thing), box);
     });
     this.eye.aim(box.low, box.high);
+    if (!this.eye.target) return; // there is nothing to see
     for (const part of given.scenery) this.part(part, part.color, { low: [...box.low], high: [...box.high] });
     this.axes(frames, given.frames);
     for (const pool of this.pools) pool.end();
