@@ -148,7 +148,7 @@ def test_the_picture_shows_commands_plots_states_and_timing(tmp_path: Path, monk
     panels = {axis.get_title(loc="left"): axis for axis in shown[0].axes}
     assert {"finger.position mcp", "Finger", "Distance of the tips", "Age of the devices' samples"} <= panels.keys()
     lines = {line.get_label(): line for line in panels["finger.position mcp"].get_lines()}
-    assert lines.keys() == {"asked", "applied", "measured", "limit"}
+    assert lines.keys() == {"asked", "applied", "simulated", "limit"}
     drawn, true = lines["applied"].get_ydata(), layout.value(rows, "finger.position_command.applied")[:, 1]
     assert (drawn.min(), drawn.max()) == (true.min(), true.max())  # thinned, but no peak is lost
     assert [text.get_text() for text in shown[0].axes[0].texts][-1] == "intent loss glove"

@@ -320,7 +320,7 @@ def test_the_limb_is_jogged_before_it_follows_anybody(capsys: pytest.CaptureFixt
     assert main(["new", "worn", "--from", "human-srl"]) == 0  # it keeps clear of what isn't there while it is jogged
     line = "srl jog worn.yaml --set guard.arm.position_command.clear=null  # nobody wears it or is near it"
     assert f"  {line}\n" in capsys.readouterr().out
-    subset(*profile.load("worn.yaml", ["guard.arm.position_command.clear=null"]), None, 0.1, sim=False)
+    subset(*profile.load("worn.yaml", ["guard.arm.position_command.clear=null"]), None, 0.1, sim=None)
 
 
 def test_answers_that_are_odd(

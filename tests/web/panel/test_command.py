@@ -73,7 +73,7 @@ def test_without_a_signal_the_page_is_the_panel_with_the_live_picture(run: Runni
         scene, frames = asyncio.run(asyncio.wait_for(_scene_and_frames(address, 30), 60))
     names = [thing["name"] for thing in scene["things"]]
     assert {"hand.skeleton", "mapping.sphere"} <= set(names)
-    assert "position (finger)" in [plot["title"] for plot in scene["plots"]]
+    assert "position (finger), simulated" in [plot["title"] for plot in scene["plots"]]
     rows = run.reader.take()
     cycles, tips = run.layout.header(rows, "cycle"), run.layout.value(rows, "hand.skeleton")
     assert all(frame["condition"] == "live" for frame in frames)
