@@ -13,7 +13,8 @@ from srl.runtime.recording.readable import said
     [
         ("mapping.skeleton", "skeleton (mapping)"), ("world.arm_tip", "arm tip, as simulated"),
         ("object-mapping.new_goal", "new goal (object-mapping)"), ("left_arm", "left arm"),
-        ("left_arm.position", "position (left arm)"), ("left_arm.position (simulated)", "position (left arm), simulated"),
+        ("left_arm.position", "position (left arm)"),
+        ("left_arm.position (simulated)", "position (left arm), simulated"),
         ("Height (of the arm)", "Height (of the arm)"), ("Distance of the_arm", "Distance of the_arm"),
     ],
 )  # fmt: skip
