@@ -79,7 +79,11 @@ def _ends_once_the_loop_is_silent(folder: Path) -> None:
     with viewing(loop.folder.path) as process:
         with loop.running():
             assert process.stderr is not None
-            process.stderr.readline()
+            found = ADDRESS.fullmatch(process.stderr.readline().strip())
+            assert found
+            asyncio.run(scene(found[1]))  # it has read rows: before, a loop is silent for it
+            cycle = loop.cycle
+            until(lambda: loop.cycle > cycle + 50)
             process.send_signal(signal.SIGTERM)
             cycle = loop.cycle
             until(lambda: loop.cycle > cycle + 50)
