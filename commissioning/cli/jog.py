@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command, on_twins, options
@@ -47,11 +47,11 @@ def run(args: argparse.Namespace) -> int:
     def say(text: str) -> None:
         console.say(text, Level.INFO)
 
-    with on_twins.twins(args.profile, args.twin, args.set, None, say) as given:
-        return _jog(args, given, say)
+    with on_twins.twins(args.profile, args.twin, args.set, None, say) as twins:
+        return _jog(args, twins, say)
 
 
-def _jog(args: argparse.Namespace, given: Sequence[str], say: Callable[[str], None]) -> int:
+def _jog(args: argparse.Namespace, twins: on_twins.Twins, say: Callable[[str], None]) -> int:
     from srl.commissioning.jog.profile_subset import subset
     from srl.commissioning.jog.session import Session
     from srl.runtime.cli.check import check_certificates, check_guards
@@ -59,7 +59,7 @@ def _jog(args: argparse.Namespace, given: Sequence[str], say: Callable[[str], No
     from srl.runtime.profile import profile
     from srl.runtime.service import arming
 
-    made = subset(*profile.load(args.profile, given), args.device, args.speed, args.sim, args.panel)
+    made = subset(*profile.load(args.profile, twins.overrides), args.device, args.speed, args.sim, args.panel)
     check_guards(made.graph)
     check_certificates(made.graph)
     name = args.instance or made.profile.name
@@ -67,5 +67,5 @@ def _jog(args: argparse.Namespace, given: Sequence[str], say: Callable[[str], No
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     if args.panel:
         say(f"{name}: jogged on the page of `srl panel {name}`; Ctrl-C ends")
-    arm = arming.automatic(made.graph, args.confirm or args.twin is not None)
+    arm = arming.automatic(made.graph, args.confirm or twins.alone(made.graph))
     return Session(made, name, arm, args.step, say, args.panel).run()

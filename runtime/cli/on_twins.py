@@ -8,17 +8,36 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import IO, Final
 
 from srl.runtime.cli import wearer
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc.child import PARENT
 from srl.runtime.profile import profile
+from srl.runtime.profile.graph import Graph
 
 TWO_WORLDS: Final = "a device is on its twin or simulated inside the loop, and both would have a world of their own"
 _END = 10.0  # s that they may take to end
+
+
+@dataclass(frozen=True)
+class Twins:
+    """What runs beside.
+
+    Attributes:
+        overrides: with which the profile's drivers talk to them.
+        devices: that are on their twins.
+    """
+
+    overrides: list[str]
+    devices: frozenset[str] = frozenset()
+
+    def alone(self, graph: Graph) -> bool:
+        """Whether no device of this graph is real: nobody wears what they move."""
+        return bool(self.devices) and {device.name for device in graph.devices} <= self.devices
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +51,7 @@ def add_option(parser: argparse.ArgumentParser) -> None:
 @contextmanager
 def twins(
     name: str, devices: Sequence[str] | None, given: Sequence[str], recording: str | None, say: Callable[[str], None]
-) -> Iterator[list[str]]:
+) -> Iterator[Twins]:
     """Serves the twins meanwhile, in a process of their own.
 
     Args:
@@ -41,13 +60,11 @@ def twins(
         given: the user's overrides.
         recording: that the simulated person repeats.
         say: takes what the twins say meanwhile, line by line.
-    Yields:
-        The overrides with which the profile's drivers talk to them.
     Raises:
         RequestError: they don't start.
     """
     if devices is None:
-        yield list(given)
+        yield Twins(list(given))
         return
     command = [sys.executable, "-m", "srl", "twin", name, *devices, "--json"]
     for override in given:
@@ -66,8 +83,9 @@ def twins(
             raise RequestError("--twin", _why(process.stderr.read()), "Correct that; `srl twin` starts them alone")
         threading.Thread(target=_pass_on, args=(process.stderr, say), daemon=True).start()
         threading.Thread(target=process.stdout.read, daemon=True).start()
-        ports = [f"devices.{device}.port={address}" for device, address in json.loads(first)["twins"].items()]
-        yield [*_start(name, given), *given, *ports]
+        found = json.loads(first)["twins"]
+        ports = [f"devices.{device}.port={address}" for device, address in found.items()]
+        yield Twins([*_start(name, given, found), *given, *ports], frozenset(found))
     finally:
         process.terminate()
         try:
@@ -77,10 +95,11 @@ def twins(
             process.wait()
 
 
-def _start(name: str, given: Sequence[str]) -> list[str]:
-    """As where all is simulated: nobody wears the limb."""
-    sim = profile.load(name, given)[0].sim
-    return [] if sim is None or sim.start is None else [f"start={sim.start}"]
+def _start(name: str, given: Sequence[str], devices: Collection[str]) -> list[str]:
+    """Where no device is real the limb starts as in a simulation: nobody wears it."""
+    checked, _ = profile.load(name, given)
+    real = checked.devices.keys() - set(devices)
+    return [] if real or checked.sim is None or checked.sim.start is None else [f"start={checked.sim.start}"]
 
 
 def _why(text: str) -> str:
@@ -106,6 +125,6 @@ def check(args: argparse.Namespace) -> None:
         raise RequestError("--fast", "the twins keep real time", "Leave --fast out, or simulate all with --sim")
 
 
-def overrides(args: argparse.Namespace, ports: Sequence[str]) -> list[str]:
-    """The overrides of a run: on twins, `ports`; else those of the user and the wearer's recording."""
-    return list(ports) if args.twin is not None else wearer.overrides(args.profile, ports, args.wearer)
+def overrides(args: argparse.Namespace, found: Twins) -> list[str]:
+    """The overrides of a run: on twins, theirs; else those of the user and the wearer's recording."""
+    return found.overrides if found.devices else wearer.overrides(args.profile, found.overrides, args.wearer)

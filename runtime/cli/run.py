@@ -19,7 +19,6 @@ from srl.runtime.cli.status import Status
 from srl.runtime.contracts import extras
 from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.files import encoded
-from srl.runtime.contracts.registry import names
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.events import Level
 from srl.runtime.ipc.header import Cause
@@ -69,14 +68,14 @@ def run(args: argparse.Namespace) -> int:
         try:
             on_twins.check(args)
             status.wait(f"{args.profile}: its parts are put together")
-            with on_twins.twins(args.profile, args.twin, args.set, args.wearer, status.line) as ports:
-                return _run(args, on_twins.overrides(args, ports), signals, status)
+            with on_twins.twins(args.profile, args.twin, args.set, args.wearer, status.line) as twins:
+                return _run(args, twins, signals, status)
         finally:
             status.clear()
 
 
-def _run(args: argparse.Namespace, overrides: list[str], signals: EndSignals, status: Status) -> int:
-    checked, source = profile.load(args.profile, overrides, args.run_code)
+def _run(args: argparse.Namespace, twins: on_twins.Twins, signals: EndSignals, status: Status) -> int:
+    checked, source = profile.load(args.profile, on_twins.overrides(args, twins), args.run_code)
     graph = wiring.build(checked, source, args.sim)
     check_guards(graph)
     check_certificates(graph)
@@ -86,7 +85,7 @@ def _run(args: argparse.Namespace, overrides: list[str], signals: EndSignals, st
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     state = state_dir(name)
-    automatic, advice = arming.automatic(graph, args.confirm or args.twin is not None)
+    automatic, advice = arming.automatic(graph, args.confirm or twins.alone(graph))
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
@@ -95,7 +94,7 @@ def _run(args: argparse.Namespace, overrides: list[str], signals: EndSignals, st
     well = False
     try:
         # Only what stopped a real limb outlives its run.
-        if any(_real(graph.devices[a.device].name, graph, args.twin) for a in graph.actuators):
+        if {graph.devices[a.device].name for a in graph.actuators} - twins.devices - set(graph.simulated):
             latched = PersistentLatches(state, status.line)
         record = args.record
         if args.figure is not None and record is None:
@@ -125,15 +124,6 @@ def _run(args: argparse.Namespace, overrides: list[str], signals: EndSignals, st
             latched.close(well or not ran)  # before the first cycle nothing has moved
         where.release()
     return code
-
-
-def _real(device: str, graph: Graph, twins: list[str] | None) -> bool:
-    """Whether a device is neither simulated nor one of the twins."""
-    if twins is not None and (
-        device in twins or (not twins and graph.profile.devices[device].driver in names("twins"))
-    ):
-        return False
-    return device not in graph.simulated
 
 
 def _supervise(

@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.run import Running, alive, call, refused
+from helpers.srl_twin import TwinProcess
 from helpers.wait import until
 
 from srl.recordings import read
+from srl.runtime.cli import on_twins
 from srl.runtime.ipc.header import State
+from srl.runtime.profile import profile, wiring
 
 
 def twins_of(pid: int) -> list[int]:
@@ -39,6 +42,27 @@ def twins_of(pid: int) -> list[int]:
 )
 def test_what_contradicts_twins_is_refused(more: list[str], words: str) -> None:
     assert words in refused("run", "servo-jog", "--twin", *more)
+
+
+@pytest.mark.parametrize("devices", [{"suit"}, {"arm"}, set()])
+def test_beside_a_real_device_the_limb_starts_as_ever(devices: set[str]) -> None:
+    """human-srl waits for its start, and begins by itself where nobody wears it."""
+    graph = wiring.build(*profile.load("human-srl"))
+    assert on_twins._start("human-srl", [], devices) == []
+    assert not on_twins.Twins([], frozenset(devices)).alone(graph)
+    both = devices | {"suit", "arm"}
+    assert on_twins._start("human-srl", [], both) == ["start=auto"]
+    assert on_twins.Twins([], frozenset(both)).alone(graph)
+
+
+@pytest.mark.slow
+def test_a_real_limb_beside_a_twin_waits_for_its_confirmation(tmp_path: Path) -> None:
+    with TwinProcess("sixth-finger", "finger") as real:  # it stands for one
+        port = f"devices.finger.port={real.addresses['finger']}"
+        with Running(tmp_path, "sixth-finger", "--twin", "glove", "--set", port, instance="sixth-finger") as run:
+            run.started()
+            run.until(lambda: run.reader.head > 100, "a second of it")
+            assert run.header("state") == State.READY
 
 
 @pytest.mark.slow
