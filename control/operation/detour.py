@@ -41,7 +41,6 @@ class Detour:
 
     Attributes:
         on: it is on its way.
-        count: ways followed to their end.
     """
 
     def __init__(self, options: MarginOptions, arm: Worn, keep: float, plan_after: float) -> None:
@@ -56,7 +55,7 @@ class Detour:
         self._least = max(keep - options.least - options.uncertainty, 0.0)  # m of margin
         self._longer, self._from = 1.0, -np.inf  # how much longer is waited, and the phase at the last way
         self._rest, self._scale = RestMargin(options), options.ranges.dq_max
-        self._seed = self.count = 0
+        self._seed = 0
         self.drop()
 
     @property
@@ -104,6 +103,8 @@ class Detour:
         """Whether the task has come no nearer for a span; then until it does, or begins again."""
         advanced = not -1e-9 <= task.s - self._phase <= _ADVANCE * self._after
         if advanced or task.error < self._error - _NEARER:
+            if task.s < self._phase - 1e-9:
+                self._longer, self._from = 1.0, -np.inf
             self.drop()  # where the task begins again its error isn't of this place yet
             self._error, self._phase = np.inf if advanced else task.error, task.s
         self._span += dt / _BODY if task.blocked else dt
@@ -159,9 +160,7 @@ class Detour:
         left = way.left(here)
         self._stood = 0.0 if left < self._left - NEAR else self._stood + dt
         self._left = min(self._left, left)
-        arrived = left < 10 * NEAR
-        if arrived or self._stood > _GIVE_UP or not way.free(here):
-            self.count += arrived
+        if left < 10 * NEAR or self._stood > _GIVE_UP or not way.free(here):
             self.drop()
             return None
         change = _PACE * way.speed(here) - before

@@ -125,8 +125,7 @@ class IndependentOperation(Controller):
         self._triggers.forget()
         self._triggers.read(self.input)
         self._teaching.drop("the run was interrupted")
-        if self._detour is not None:
-            self._detour.drop()
+        self._drop_way()
         if self._replay is not None:
             self._replay.r = 0.0
         self._tell()
@@ -141,8 +140,7 @@ class IndependentOperation(Controller):
         self.lost = self._missed > self._options.timeout
         if not good:
             self._fresh, self._running = True, False
-            if self._detour is not None:
-                self._detour.drop()
+            self._drop_way()
             self._teaching.drop("the body, a button or the arm's position wasn't there")
             self._command(q, self._brake(before, dt), dt)
             return
@@ -157,8 +155,7 @@ class IndependentOperation(Controller):
             v = self._go(self._replay, q, before, obeyed, dt)
         else:
             v = self._brake(before, dt)
-            if self._detour is not None:
-                self._detour.drop()
+            self._drop_way()
         self._command(q, v, dt)
         path = self._teaching.check()
         if path is not None:
@@ -245,6 +242,10 @@ class IndependentOperation(Controller):
         if v is not None:
             replay.hold(tip)
         return v
+
+    def _drop_way(self) -> None:
+        if self._detour is not None:
+            self._detour.drop()
 
     def _brake(self, before: Array, dt: float) -> Array:
         """The velocity (n,) that brakes all joints together, so that the tip stays on its way."""

@@ -183,9 +183,8 @@ class Reach(Controller):
             self._way = None
         if self._way is None and self._stuck > 0.0:
             if open_:
-                self._way = self._along(
-                    [goal]
-                )  # all joints together: each by itself they go another way than the straight one
+                # All joints together: each by itself they go another way than the straight one.
+                self._way = self._along([goal])
             elif margin[0] < max(self._kept, 0.0):
                 self._search = None
                 mode = Mode.LEAVING if self._stuck > self.options.leave_timeout else mode

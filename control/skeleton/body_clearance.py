@@ -23,7 +23,7 @@ from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Array, Command, Signal
 from srl.runtime.contracts.terms import POINT, QUATERNION
 
-_FASTER = 0.05  # m/s: what errors may do unsaid
+_FASTER = 0.05  # m/s of an undeclared noise, from which it is remarked
 
 
 class Seen(NamedTuple):
@@ -49,7 +49,7 @@ class BodyClearanceConfig(EnvelopeOptions, ClearanceConfig):
         ge=0, lt=1, description="m, Z_d, by which a segment may be beside where the suit has it; 0.05 for 5 degrees"
     )
     noise: float | None = Field(
-        None, ge=0, lt=1, description="m, by which the error of a segment's place may change within some samples; "
+        None, ge=0, lt=1, description="m, by which the error of a segment's place may change within `span`; "
         "null: 2 * uncertainty",
     )  # fmt: skip
     latency: float = Field(0.04, ge=0, lt=1, description="s, from a pose to its sample's stamp")

@@ -33,8 +33,8 @@ class Skeleton(Controller):
     """The nodes of human and supernumerary arms, and the paper's motion vector.
 
     Inputs: `rotation` (59, 4) and `translation` (59, 3) m of the suit's joints in their parents; `right`, `left` (n,)
-    rad (m where a joint slides), the positions of the arms that exist. The
-    nodes of one that doesn't are at zero, and no picture links them.
+    rad (m where a joint slides), the positions of the arms that exist. The nodes of one that
+    doesn't are as at zero, and no picture links them.
 
     Outputs: `nodes` (90, 3) m in the suit's world (y up, z forward at calibration, x to the body's left); `vector`
     (90, 6), row after row the paper's 540 numbers, cm and degrees (`srl.control.skeleton.paper`); with the option

@@ -87,12 +87,12 @@ def _again(args: argparse.Namespace) -> int:
     given = {"--web-port": args.web_port or None, "--recordings": args.recordings, "--signal": args.signal}
     for option, value in [*given.items(), *_of_the_screen(args)]:
         if value:
-            raise RequestError(option, "the pages are there already, as they were begun", "Leave it out, or --again")
+            raise RequestError(option, "the pages are there already, as they were started", "Leave it out, or --again")
     folder = choose(args.instance)
     found = again.ask(folder)
     if not found:
         name = folder.path.name
-        raise RequestError(f"instance '{name}'", "no page of it is served", f"Begin one: srl panel {name}")
+        raise RequestError(f"instance '{name}'", "no page of it is served", f"Start one: srl panel {name}")
     print("Each is good once. The browser that opens it is the only one from then on:")
     for page, address in found:
         print(f"{page}:\n  {address}")

@@ -78,7 +78,7 @@ class Refusal:
 
 
 def refusal(error: ValidationError, given: Any = None) -> Refusal:
-    """What `error` says first. `given`: what was validated, by which its keys are told from pydantic's own words."""
+    """What `error` says first. `given`: what was validated; its keys aren't pydantic's own words."""
     found = [(_keys(item, given), item) for item in error.errors(include_url=False)]
     # A union complains of each of its branches. The branch that got further is the one that was meant.
     further = {k for k, i in found if _expected(i) is None}

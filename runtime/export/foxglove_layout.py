@@ -27,8 +27,8 @@ NEAR: Final = 0.5  # m, of the camera from a finger
 FAR: Final = 4.0  # m, from a person
 FRONT: Final = -65  # degrees: from the root's x, a little from the right
 LISTED: Final = 6  # curves that a legend names: it would cover a plot with more
-SHOWN: Final = (MEASURED, TRUTH, "sent")
-PAIR: Final = 2  # lines of an element: where it is, and what was sent  # of a command
+SHOWN: Final = (MEASURED, TRUTH, "sent")  # of a command
+PAIR: Final = 2  # lines of an element: where it is, and what was sent
 # By type of message: the path of each of its numbers, in the signal's order.
 _PATHS: Final = {
     WRENCH: [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"],

@@ -271,7 +271,7 @@ class Refusals:
 
 
 class ParameterChanges:
-    """Who changed which parameter, from what to what: told at once, and then at most once a second for each."""
+    """Who changed which parameter, from what to what: reported at once, and then at most once a second for each."""
 
     def __init__(self, parameters: Sequence[Mapping[str, Any]]) -> None:
         """`parameters`: those of the layout, in the order of the requests' targets."""

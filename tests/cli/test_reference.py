@@ -14,7 +14,7 @@ from srl.runtime.cli.reference import PAGE, arguments, page, parsers
 
 # Where one option means the same and still takes another thing.
 OTHERS = {
-    "--from": "what a new thing is begun from: a profile, or recordings",
+    "--from": "what a new thing is made from: a profile, or recordings",
     "--out": "where to: a file, or a folder for several",
     "--port": "a port alone, or that of a device of the profile",
     "--profile": "of a recording, or of a run",

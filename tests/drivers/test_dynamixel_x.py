@@ -94,7 +94,7 @@ def test_the_page_has_each_models_values() -> None:
         )
 
 
-def test_model_numbers_are_told_apart() -> None:
+def test_model_numbers_differ() -> None:
     assert len(BY_NUMBER) == len(MODELS) + 3  # each MX has one for each protocol
 
 

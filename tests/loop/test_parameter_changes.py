@@ -23,7 +23,7 @@ def request(target: int, value: float, sender: str = "", origin: Origin = Origin
     return Request(1, RequestKind.PARAMETER, target, 0, np.array([value]), origin, sender)
 
 
-def test_a_change_is_told_at_once_with_who_made_it() -> None:
+def test_a_change_is_reported_at_once_with_who_made_it() -> None:
     changes = ParameterChanges(KNOWN)
     changes.add(request(0, 92.0, "the panel"), 10.0)
     assert changes.due(5) == ["parameter 'body.gain': 10 -> 92 N/m, changed by 'the panel' (bus)"]
@@ -32,7 +32,7 @@ def test_a_change_is_told_at_once_with_who_made_it() -> None:
     assert changes.due(7) == []
 
 
-def test_many_changes_of_one_are_told_once_a_second_from_the_first_to_the_last() -> None:
+def test_many_changes_of_one_are_reported_once_a_second_from_the_first_to_the_last() -> None:
     changes = ParameterChanges(KNOWN)
     changes.add(request(0, 1.0), 0.0)
     changes.due(0)

@@ -66,7 +66,7 @@ class OperatorServer(PictureServer):
         self._takes, self._looked = False, 0.0
         self._events: EventReader | None = None
         self._messages: deque[dict[str, Any]] = deque(maxlen=EVENTS)
-        self._told = 0  # events so far
+        self._count = 0  # events so far
 
     # What is told
 
@@ -83,8 +83,8 @@ class OperatorServer(PictureServer):
         if now >= self._looked:
             self._looked, self._takes = now + LOOK, jogging.takes_presses(self._folder)
             for event in self._events.take() if self._events is not None else ():
-                self._told += 1
-                self._messages.append(described(self._told, event))
+                self._count += 1
+                self._messages.append(described(self._count, event))
         return {
             "health": health.state(layout, row), "devices": health.devices(layout, row),
             "values": Parameters.values(layout, row), "events": list(self._messages),

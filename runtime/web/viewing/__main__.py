@@ -49,7 +49,7 @@ async def _show(run: RunFolder, ending: Ending) -> None:
 
 
 def _say(text: str) -> None:
-    # A terminal may have the run's status on this line, without an end: that line is begun anew.
+    # A terminal may have the run's status on this line, without an end: that line is started anew.
     line = "\r\x1b[2K" if sys.stderr.isatty() else ""
     sys.stderr.write(f"{line}viewer: {text}\n")
     sys.stderr.flush()

@@ -119,7 +119,7 @@ def test_a_way_that_the_wearer_steps_into_is_left() -> None:
 SHIFT = (-0.15, -0.3, 0.12)  # from the stretched hand's path to where the arm has room
 
 
-def begun(number: int, around: str) -> IndependentOperation:
+def started(number: int, around: str) -> IndependentOperation:
     """The law in one of forty random postures; its task is pressed on."""
     rng = np.random.default_rng(0)
     q = [rng.uniform(LOWER, UPPER) for _ in range(number + 1)][-1]
@@ -140,9 +140,9 @@ def seen(made: IndependentOperation) -> Mode:
 
 @pytest.mark.parametrize("number", [3, 24])  # in 3 the path begins where bending leads, and can't be ended so
 def test_a_task_is_done_from_where_bending_never_does_it(number: int) -> None:
-    bending = begun(number, "bend")
+    bending = started(number, "bend")
     assert Mode.DONE not in {seen(bending) for _ in range(1500)}
-    made, modes = begun(number, "plan"), set[Mode]()
+    made, modes = started(number, "plan"), set[Mode]()
     for _ in range(3000):
         modes.add(seen(made))
         if Mode.DONE in modes:
@@ -151,7 +151,7 @@ def test_a_task_is_done_from_where_bending_never_does_it(number: int) -> None:
 
 
 def test_who_holds_the_arm_is_not_led_round() -> None:
-    made = begun(24, "plan")
+    made = started(24, "plan")
     held = made.input["position"] + 0.3
     for _ in range(600):
         made.input["position"][:] = held
@@ -162,7 +162,7 @@ def test_who_holds_the_arm_is_not_led_round() -> None:
 
 
 def test_a_press_ends_the_way_and_the_next_goes_on() -> None:
-    made = begun(24, "plan")
+    made = started(24, "plan")
     while seen(made) is not Mode.AROUND:
         pass
     press(made)
@@ -185,7 +185,7 @@ def test_a_task_that_goes_well_is_repeated_without_a_way() -> None:
 
 
 def test_a_reset_ends_the_way() -> None:
-    made = begun(24, "plan")
+    made = started(24, "plan")
     while seen(made) is not Mode.AROUND:
         pass
     made.applied["q"][:] = made.input["position"][:] = made.output["q"]

@@ -61,10 +61,10 @@ def judged(noise: str) -> tuple[int, float]:
     wearer = Wearer(exact.options, np.random.default_rng(4), 1.0)
     past: list[Array] = []
     worst, most, count = 0.0, -np.inf, 0
-    told: list[tuple[float, float]] = []
+    found: list[tuple[float, float]] = []
     for trial in range(2):  # first the errors are measured, then they are declared
         if trial:
-            u, change = (max(each) for each in zip(*told, strict=True))
+            u, change = (max(each) for each in zip(*found, strict=True))
             given = {"measured": change, "zero": 0.0, "none": None}[noise]
             exact, reported = judge(), judge(uncertainty=u, noise=given)
         for k in range(90):
@@ -75,7 +75,7 @@ def judged(noise: str) -> tuple[int, float]:
             stamps = {"rotation": now, "translation": now}
             usable = exact.begin(now, stamps), reported.begin(now, stamps)
             if k > 0:
-                told.append(errors(reported, exact, past))
+                found.append(errors(reported, exact, past))
             if trial and all(usable):
                 exact.clear(motion(k)), reported.clear(motion(k))
                 count += 1

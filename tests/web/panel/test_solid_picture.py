@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -31,7 +32,8 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
 @pytest.fixture
 def seen(tmp_path: Path, browser: Chromium) -> Iterator[Seen]:
     if not three.there():
-        pytest.skip("three.js isn't here: python -m srl.runtime.web.panel.three")
+        assert not shutil.which("npm"), "three.js isn't here, though npm is: python -m srl.runtime.web.panel.three"
+        pytest.skip("no npm to fetch three.js")
     loop = BodyLoop(tmp_path / "run")
     with loop.running(), OperatorPage(loop.folder) as process:
         page = browser.open(process.address)

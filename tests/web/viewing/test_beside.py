@@ -43,7 +43,7 @@ def viewing(folder: Path, **options: Any) -> Iterator[subprocess.Popen[str]]:
 
 
 async def scene(address: str) -> dict[str, Any]:
-    """What the page is told first."""
+    """What the page gets first."""
     origin = address.partition("/?")[0]
     async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as session:
         async with session.get(address) as answer:
@@ -59,8 +59,8 @@ def test_the_page_is_the_panel_and_ends_with_the_run(tmp_path: Path) -> None:
             assert process.stderr is not None
             found = ADDRESS.fullmatch(process.stderr.readline().strip())
             assert found
-            told = asyncio.run(scene(found[1]))
-            assert (told["kind"], told["name"]) == ("scene", "made-up")
+            first = asyncio.run(scene(found[1]))
+            assert (first["kind"], first["name"]) == ("scene", "made-up")
             ((page, address),) = again.ask(loop.folder)
             assert page == "the panel"
             assert asyncio.run(scene(address))["name"] == "made-up"
@@ -70,7 +70,7 @@ def test_the_page_is_the_panel_and_ends_with_the_run(tmp_path: Path) -> None:
     assert again.ask(loop.folder) == []
 
 
-def test_told_to_end_it_does_so_once_the_loop_is_silent(tmp_path: Path) -> None:
+def test_asked_to_end_it_does_so_once_the_loop_is_silent(tmp_path: Path) -> None:
     unless_held_up(_ends_once_the_loop_is_silent, tmp_path)
 
 

@@ -18,7 +18,7 @@ export class Operator {
     this.pad = new Pad(part.jog, part.joints, say);
     this.fields = [];
     this.answered = [0, "", true]; // until when it is shown, words, whether it is well
-    this.told = -1; // the number of the newest event that is listed
+    this.listed = -1; // the number of the newest event that is listed
     this.doubt = ""; // what waits for a second word
     this.about = ""; // what was shown of the stop when it was asked for
     this.shown = null; // the newest picture that was drawn
@@ -124,8 +124,8 @@ export class Operator {
   events(events) {
     const { events: section, events_lines: list } = this.part, last = events.length ? events.at(-1).number : -1;
     section.hidden = !events.length;
-    if (last === this.told) return;
-    this.told = last;
+    if (last === this.listed) return;
+    this.listed = last;
     list.replaceChildren(...[...events].reverse().map(({ at, words, level, remedy }) => {
       const line = made("li"), time = made("time", "", at);
       line.append(time, made("span", level === "error" ? "bad" : "", words));
