@@ -1,8 +1,9 @@
 """New addresses of pages that are being served, for who asks on this machine: `srl panel --again`.
 
 Each page's server listens on a Unix socket in the run folder, page0.sock to page7.sock: the first that is free. It
-answers its own user alone, as the kernel tells it, with the page's name and a new address. That one is worth as much as
-the first: the browser that takes it is the only one from then on.
+answers a request of its own user alone, as the kernel tells it, with the page's name and a new address. That one is
+worth as much as the first: the browser that takes it is the only one from then on. A connection that requests nothing
+(another page that looks for a free socket) leaves the address as it is.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from srl.runtime.ipc.run_folder import RunFolder
 
 PAGES: Final = 8  # of one run
 TIMEOUT: Final = 5.0  # s for an answer
+_REQUEST: Final = b"?"
 _CREDENTIALS: Final = struct.Struct("3i")  # process, user, group
 
 
@@ -42,8 +44,9 @@ async def answering(run: RunFolder, called: str, address: Callable[[], str]) -> 
     async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         end = writer.get_extra_info("socket")
         _, user, _ = _CREDENTIALS.unpack(end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
-        with contextlib.suppress(OSError):
-            if user == os.geteuid():
+        with contextlib.suppress(OSError, TimeoutError):
+            asked = user == os.geteuid() and await asyncio.wait_for(reader.read(1), TIMEOUT) == _REQUEST
+            if asked:
                 writer.write(json.dumps({"page": called, "address": address()}).encode())
                 await writer.drain()
             writer.close()
@@ -69,6 +72,7 @@ def ask(run: RunFolder) -> list[tuple[str, str]]:
             end.settimeout(TIMEOUT)
             try:
                 end.connect(str(path))
+                end.sendall(_REQUEST)
                 answer = json.loads(b"".join(iter(lambda: end.recv(4096), b"")))
                 found.append((str(answer["page"]), str(answer["address"])))
             except (OSError, ValueError):  # none is there, or it has just ended

@@ -29,6 +29,22 @@ def test_each_page_that_is_served_gives_a_new_address(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_another_page_that_begins_leaves_the_address_of_the_first(tmp_path: Path) -> None:
+    made: list[str] = []
+
+    def address() -> str:
+        made.append("new")
+        return "http://one"
+
+    async def both() -> None:
+        async with again.answering(run, "one", address), again.answering(run, "two", lambda: "http://two"):
+            await asyncio.to_thread(again.ask, run)
+
+    run = RunFolder(tmp_path)
+    asyncio.run(both())
+    assert made == ["new"]
+
+
 def test_what_a_killed_page_left_is_no_hindrance(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as killed:
         killed.bind(str(tmp_path / "page0.sock"))

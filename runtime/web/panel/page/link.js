@@ -18,9 +18,9 @@ const KEY = (() => {
 })();
 
 export class Link {
-  // hear(message): what the server says. lost(): the connection has ended; another attempt follows.
-  constructor(hear, lost) {
-    [this.listed, this.lost] = [hear, lost];
+  // deliver(message): what the server says. lost(): the connection has ended; another attempt follows.
+  constructor(deliver, lost) {
+    [this.deliver, this.lost] = [deliver, lost];
     this.socket = null;
     this.heard = 0; // when the newest message came, on the page's own clock
     this.trips = []; // {trip, offset} of the newest pings
@@ -60,7 +60,7 @@ export class Link {
   hear(message) {
     this.heard = performance.now();
     if (message.kind === "stopped") { this.stops.get(message.at)?.(message.ok); return; }
-    if (message.kind !== "pong") { this.listed(message); return; }
+    if (message.kind !== "pong") { this.deliver(message); return; }
     const trip = this.heard - message.at;
     this.trips = [...this.trips.slice(1 - PINGS), { trip, offset: message.now - message.at - trip / 2 }];
   }
