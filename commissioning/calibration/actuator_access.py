@@ -58,7 +58,7 @@ class Drive(RowSource):
         self._panel = screen if isinstance(screen, PanelScreen) else None
         self._report = report
         self._rows: RingReader | None = None
-        arm = arming.automatic(subset.graph, False)
+        arm = arming.automatic(subset.graph, not subset.real)
         self._session = Session(
             subset, name, arm, False, report, panel=keyed is None, face=keyed, record=record, view=view
         )

@@ -78,6 +78,7 @@ class HeldStill(StepProcedure):
     def _begin(self, step: Any) -> None:
         super()._begin(step)
         self._since = np.nan  # s, of the step's first sample
+        self._disturbed = False  # whether it was moved while it was held, so that it begins again
 
     @abstractmethod
     def _motion(self) -> float:
@@ -120,7 +121,7 @@ class HeldStill(StepProcedure):
             if self._still() and self._ready():
                 self._begin(Step(Kind.HOLD, self.step.number))
         elif self._elapsed() >= self._settle and not self._still():
-            self._go(self.step.number)  # it was moved: its samples are too few, so they don't count
+            self._again(self.step.number)
         elif self._elapsed() >= self._hold:
             self._take()
 
@@ -135,18 +136,21 @@ class HeldStill(StepProcedure):
     def _take(self) -> None:
         number = self.step.number
         if not self._keep(number):
-            self._go(number)
+            self._again(number)
             return
         self._out.discard(number)
         self._open.remove(number)
         self._next()
 
+    def _again(self, number: int) -> None:
+        """It was moved: its samples are too few, so they don't count."""
+        self._go(number)
+        self._disturbed = True
+
     def go_on(self) -> str:
-        if self.step.kind is Kind.HOLD:
-            return f"hold it still for {self._hold:g} s"
         if self.step.kind is Kind.GO:
             self._begin(Step(Kind.HOLD, self.step.number))
-        return ""
+        return f"hold it still for {self._hold:g} s" if self.step.kind is Kind.HOLD else ""
 
     def skip(self) -> str:
         if self.fewest is None:
@@ -200,6 +204,8 @@ class HeldStill(StepProcedure):
         bars = [Bar("held", min(held, 1.0), f"{one} {self.step.number}" if self.step.number else "")]
         bars = [*(() if self.step.kind is Kind.PAUSE else bars), *self._bars()]
         lack = self._lack() if self.step.kind is Kind.GO else ""
+        if self._disturbed and not lack:
+            lack = "it moved while it was held, so it begins again"
         return View(self.step, words[self.step.kind](), lack, self._missing(), self._states(), bars, self.things)
 
     def _states(self) -> tuple[str, ...]:

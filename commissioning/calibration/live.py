@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +14,7 @@ from srl.commissioning.calibration.guided import Procedure
 from srl.commissioning.calibration.sources import Rows, RowSource, Tap
 from srl.runtime.contracts.errors import HostError
 from srl.runtime.contracts.files import encoded
+from srl.runtime.contracts.wearer import Instruction
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.control_socket import send_request
 from srl.runtime.ipc.header import CYCLE, Cause, State
@@ -44,7 +45,8 @@ class Live(RowSource):
 
     def __init__(
         self, source: Source, tap: Tap[Any], instance: str, record: Path | None, view: bool,
-        report: Callable[[str], None], sim: bool = False,
+        report: Callable[[str], None], sim: bool = False, twins: Collection[str] = (),
+        instruct: Callable[[Instruction], None] | None = None,
     ) -> None:  # fmt: skip
         """Starts it and waits until it runs.
 
@@ -56,12 +58,14 @@ class Live(RowSource):
             view: show it in the rerun viewer.
             report: takes a line of text.
             sim: run on the simulated devices, in real time.
+            twins: its devices that are on their twins.
+            instruct: tells the simulated person beside them what to do.
         Raises:
             SrlError: it doesn't start.
         """
         self.folder = RunFolder.of(instance)
         self.folder.claim()
-        self._report = report
+        self._report, self._instruct = report, instruct
         self._reset, self._last_text = 0.0, ""
         self._rows: RingReader | None = None
         self._over = False
@@ -78,6 +82,7 @@ class Live(RowSource):
                 True,
                 latches.names(persistent_latches.read(state_dir(instance), report)),
                 record is not None,
+                twins=sorted(twins),
             )
             self.supervisor = Supervisor(
                 self.folder, launch, state_dir(instance), helpers(self.folder, None, record, view), report
@@ -106,7 +111,8 @@ class Live(RowSource):
                 how = self.supervisor.death.how if self.supervisor.death else "the run has ended"
                 raise self.supervisor.error or HostError(self.folder.path.name, how, "Begin again; nothing was written")
         for event in self.supervisor.events.take() if self.supervisor.events is not None else ():
-            self._report(event.text)
+            if self.channel_map.parameter not in event.text:  # each step sets the mark
+                self._report(event.text)
         rows = self._rows.take()
         if self._rows.lost:
             raise HostError("rows", f"{self._rows.lost} were overwritten before they were read", "Free the processor")
@@ -119,6 +125,8 @@ class Live(RowSource):
     def begin(self, procedure: Procedure) -> None:
         expires = time.monotonic_ns() + _LIFE
         self._requests.send(RequestKind.PARAMETER, expires, self._target, np.array([float(procedure.step.mark)]))
+        if self._instruct is not None:
+            self._instruct(procedure.instruction())
 
     def wait(self) -> None:
         self.take()

@@ -55,6 +55,8 @@ class Method(ABC, Generic[T, F]):
         counted: the marks of what counts.
         personal: whether it is a person's calibration, with an id; else a device's.
         foreseen: whether a person can know the steps beforehand, so that a motion file can hold them.
+        instructed: whether the simulated person takes instructions, so that it can stand beside twins; else the user's
+            keys move what is on its twin.
     """
 
     name: ClassVar[str] = ""
@@ -71,6 +73,7 @@ class Method(ABC, Generic[T, F]):
     counted: ClassVar[range] = range(1, LEFT_OUT)
     personal: ClassVar[bool] = True
     foreseen: ClassVar[bool] = True
+    instructed: ClassVar[bool] = True
 
     def __init_subclass__(cls) -> None:
         cls.name = cls.name or cls.law
@@ -110,7 +113,10 @@ class Method(ABC, Generic[T, F]):
 
     def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
         """Where they come from live; `name`: the instance's. Raises SrlError: it doesn't start."""
-        return Live(text, self.channel_map, name, record, self.request.view, self.say)
+        request = self.request
+        return Live(
+            text, self.channel_map, name, record, request.view, self.say, twins=request.twins, instruct=request.instruct
+        )  # fmt: skip
 
     def channel_map(self, layout: Layout, place: str) -> T:
         """Where the calibration's signals are in a layout. Raises RecordingError."""

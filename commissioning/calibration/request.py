@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from srl.runtime.contracts.wearer import Instruction
 
 METHODS: Final = {
     "ikns": "ikns.IknsMethod",
@@ -31,6 +34,8 @@ class CalibrationRequest:
     Attributes:
         sim: a simulated person does it.
         simulated: the devices that `--sim` names; none where it names none.
+        twins: the devices that are on their twins.
+        instruct: tells the simulated person beside them what to do.
     """
 
     profile: str
@@ -40,6 +45,8 @@ class CalibrationRequest:
     yes: bool = False
     sim: bool = False
     simulated: Sequence[str] = ()
+    twins: frozenset[str] = frozenset()
+    instruct: Callable[[Instruction], None] | None = None
     record: Path | None = None
     view: bool = False
     recording: Sequence[Path] | None = None

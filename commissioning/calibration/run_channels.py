@@ -128,7 +128,7 @@ class RunChannels(ABC):
     def simulated(self) -> bool:
         """Whether the person is simulated: a sensor is. A simulated limb of a plain run doesn't count."""
         driven = {name.partition(".")[0] for name, field in self.layout.fields.items() if field.role == "sent"}
-        return any(device not in driven for device in self.layout.meta["simulated"])
+        return any(device not in driven for device in self.layout.simulated)
 
     @property
     def bodies(self) -> dict[str, dict[str, Any]]:

@@ -9,7 +9,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -27,7 +27,8 @@ from srl.commissioning.calibration.sources import RowSource, recorded
 from srl.commissioning.calibration.target import check_target, write_record
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import HostError, RequestError, SrlError, nearest
-from srl.runtime.ipc.launch import ANONYMOUS
+from srl.runtime.contracts.files import encoded
+from srl.runtime.ipc.launch import ANONYMOUS, Launch
 from srl.runtime.ipc.run_folder import ROOM, free_bytes
 from srl.runtime.models.models import bodies
 from srl.runtime.profile import library, profile
@@ -82,9 +83,8 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
             raise RequestError(f"--{option.name}", f"it is of '{only}', not of '{request.kind}'", remedy)
     if request.person is not None and not kind.personal:
         raise RequestError("--person", f"'{request.kind}' is no person's", "Leave it out")
-    checked, source = profile.load(request.profile, request.set)
-    target = _target(request, checked, source, kind)
-    method = kind(request, checked, source, target, screen.say)
+    method = _method(request, kind, screen.say)
+    checked = method.checked
     if request.recording:
         channel_map, parts, date = _recorded(method, request.recording)
         method.ready(channel_map)
@@ -112,6 +112,27 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
         finally:
             simulated.close()
     return _live(method, text, request.instance or checked.name, procedure, before, screen)
+
+
+def _method(request: CalibrationRequest, kind: type[Method[Any, Any]], say: Callable[[str], None]) -> Method[Any, Any]:
+    checked, source = profile.load(request.profile, request.set)
+    return kind(request, checked, source, _target(request, checked, source, kind), say)
+
+
+def beside_twins(request: CalibrationRequest) -> Launch | None:
+    """The part of the profile whose devices' twins the calibration needs, with the simulated person who is instructed.
+
+    None: the whole profile's twins serve, and the user's keys move them.
+
+    Raises:
+        SrlError: what is requested can't be calibrated so.
+    """
+    kind = kind_of(request.kind)
+    if not kind.instructed:
+        return None
+    _, made = _method(replace(request, sim=True), kind, lambda text: None).subset(request.person or "P0")
+    files = made.files
+    return Launch(made.label, made.text, list(made.overrides), str(files.folder), encoded(files.kept))
 
 
 def _check_simulated(request: CalibrationRequest, checked: profile.Profile, made: profile.Profile) -> None:
@@ -312,7 +333,7 @@ def _check_origin(
             problem = f"it was made with another body '{name}': {_differs(was, now)} in the profile"
             raise RequestError(str(path), problem, "Calibrate from the beginning, or set the body as it was")
     others = channel_map.simulated if before is None else before.simulated
-    if channel_map.simulated != (request.sim if request.redo else others):
+    if channel_map.simulated != (request.sim or bool(request.twins) if request.redo else others):
         problem = (
             "it is simulated, the rest isn't" if channel_map.simulated else "it is of a person, the rest is simulated"
         )

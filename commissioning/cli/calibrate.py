@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from srl.commissioning.calibration.request import KINDS, CalibrationRequest
 from srl.commissioning.cli import COMMANDS
-from srl.runtime.cli import add_command, options
+from srl.runtime.cli import add_command, on_twins, options
 from srl.runtime.contracts import registry
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
     )
     options.sim(parser, "a simulated person does it, as fast as it goes; named must be all that it reads")
+    on_twins.add_option(parser, "the real drivers, on simulated devices that a simulated person wears, in real time")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
     parser.add_argument("--view", action="store_true", help="show a person's motion on the panel, in a browser here")
     parser.add_argument(
@@ -70,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from srl.commissioning.calibration import session
     from srl.commissioning.calibration.screen import Plain, Terminal
 
+    _check_twin(args)
     screen: Screen = Plain(lambda text: print(text, file=sys.stderr, flush=True))
     title = f"srl calibrate {args.profile} {args.kind}{f': {args.person}' if args.person else ''}"
     if args.panel:
@@ -77,8 +80,24 @@ def run(args: argparse.Namespace) -> int:
     elif sys.stderr.isatty() and not args.json:
         screen = Terminal(title)
     given = {name: value for name, value in vars(args).items() if name in CalibrationRequest.__dataclass_fields__}
-    given |= {"sim": args.sim is not None, "simulated": args.sim or ()}
-    return session.run(CalibrationRequest(**given), screen)
+    request = CalibrationRequest(**given | {"sim": args.sim is not None, "simulated": args.sim or ()})
+    if args.twin is None:
+        return session.run(request, screen)
+    cut = session.beside_twins(request)
+    with on_twins.twins(args.profile, args.twin, args.set, None, screen.say, cut) as twins:
+        instruct = twins.instruct if cut is not None else None
+        request = replace(request, set=twins.overrides, twins=twins.devices, instruct=instruct)
+        return session.run(request, screen)
+
+
+def _check_twin(args: argparse.Namespace) -> None:
+    """Raises RequestError: another option contradicts `--twin`."""
+    from srl.runtime.contracts.errors import RequestError
+
+    if args.twin is not None and args.sim is not None:
+        raise RequestError("--twin", on_twins.TWO_WORLDS, "Leave --sim out")
+    if args.twin is not None and args.recording:
+        raise RequestError("--twin", "a calibration from recordings opens no device", "Leave out one of the two")
 
 
 def _on_panel(args: argparse.Namespace, title: str) -> Screen:
@@ -90,5 +109,5 @@ def _on_panel(args: argparse.Namespace, title: str) -> Screen:
         raise RequestError("--panel", "a calibration from recordings isn't guided", "Leave out one of the two")
     if args.sim is not None:
         problem = "the simulated person needs no page, and is as fast as the machine"
-        raise RequestError("--panel", problem, "Leave out one of the two, or calibrate against `srl twin`")
+        raise RequestError("--panel", problem, "Leave out one of the two, or use --twin")
     return PanelScreen(title, lambda text: print(text, file=sys.stderr, flush=True))

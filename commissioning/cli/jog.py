@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 
 from srl.commissioning.cli import COMMANDS
 from srl.runtime.cli import add_command, on_twins, options
@@ -60,6 +61,7 @@ def _jog(args: argparse.Namespace, twins: on_twins.Twins, say: Callable[[str], N
     from srl.runtime.service import arming
 
     made = subset(*profile.load(args.profile, twins.overrides), args.device, args.speed, args.sim, args.panel)
+    made = replace(made, twins=twins.devices)
     check_guards(made.graph)
     check_certificates(made.graph)
     name = args.instance or made.profile.name

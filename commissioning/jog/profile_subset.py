@@ -50,6 +50,7 @@ class ProfileSubset:
         units: of each joint's position: "rad", "m", "1".
         left_out: emergency inputs of the whole profile that aren't there.
         sim: its devices that are simulated, [] for all; None: none is.
+        twins: its devices that are on their twins.
     """
 
     profile: Profile
@@ -60,11 +61,12 @@ class ProfileSubset:
     units: dict[str, str]
     left_out: tuple[str, ...]
     sim: list[str] | None
+    twins: frozenset[str] = frozenset()
 
     @property
     def real(self) -> bool:
         """Whether what is moved is a real device."""
-        return self.graph.devices[self.actuator.device].name not in self.graph.simulated
+        return self.graph.devices[self.actuator.device].name not in self.twins.union(self.graph.simulated)
 
 
 def subset(

@@ -135,7 +135,7 @@ class Session:
                 launch = Launch(
                     source.label, source.text, list(source.overrides), str(source.files.folder),
                     encoded(source.files.kept), self._subset.sim, False, None, self._automatic, found,
-                    self._record is not None,
+                    self._record is not None, twins=sorted(self._subset.twins),
                 )  # fmt: skip
                 # No bus: the terminal is the only one who may write the requests.
                 beside = helpers(where, None, self._record, self._view)

@@ -7,15 +7,19 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import IO, Final
 
 from srl.runtime.cli import wearer
-from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.contracts.wearer import Instruction, written
 from srl.runtime.ipc.child import PARENT
+from srl.runtime.ipc.launch import Launch
 from srl.runtime.profile import profile
 from srl.runtime.profile.graph import Graph
 
@@ -34,24 +38,34 @@ class Twins:
 
     overrides: list[str]
     devices: frozenset[str] = frozenset()
+    _control: IO[str] | None = None
 
     def alone(self, graph: Graph) -> bool:
         """Whether no device of this graph is real: nobody wears what they move."""
         return bool(self.devices) and {device.name for device in graph.devices} <= self.devices
 
+    def instruct(self, instruction: Instruction) -> None:
+        """Tells the simulated person beside them what to do. Raises HostError: they have ended."""
+        assert self._control is not None
+        try:
+            print(f"wearer {written(instruction)}", file=self._control, flush=True)
+        except OSError:
+            raise HostError("--twin", "the twins have ended", "Begin again; nothing was written") from None
 
-def add_option(parser: argparse.ArgumentParser) -> None:
+
+_DRIVERS: Final = "the real drivers, on simulated devices that speak the wire protocol"
+
+
+def add_option(parser: argparse.ArgumentParser, text: str = _DRIVERS) -> None:
     """Adds `--twin` to a command."""
-    parser.add_argument(
-        "--twin", nargs="*", metavar="DEVICE",
-        help="the real drivers, on simulated devices that speak the wire protocol; without a name, all that have one",
-    )  # fmt: skip
+    parser.add_argument("--twin", nargs="*", metavar="DEVICE", help=f"{text}; without a name, all that have one")
 
 
 @contextmanager
 def twins(
-    name: str, devices: Sequence[str] | None, given: Sequence[str], recording: str | None, say: Callable[[str], None]
-) -> Iterator[Twins]:
+    name: str, devices: Sequence[str] | None, given: Sequence[str], recording: str | None, say: Callable[[str], None],
+    cut: Launch | None = None,
+) -> Iterator[Twins]:  # fmt: skip
     """Serves the twins meanwhile, in a process of their own.
 
     Args:
@@ -60,6 +74,7 @@ def twins(
         given: the user's overrides.
         recording: that the simulated person repeats.
         say: takes what the twins say meanwhile, line by line.
+        cut: the part of the profile that is served; its simulated person can be instructed. None: the whole profile.
     Raises:
         RequestError: they don't start.
     """
@@ -67,13 +82,24 @@ def twins(
         yield Twins(list(given))
         return
     command = [sys.executable, "-m", "srl", "twin", name, *devices, "--json"]
-    for override in given:
-        command += ["--set", override]
     if recording is not None:
         command += ["--wearer", recording]
+    with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
+        if cut is None:
+            command += [word for override in given for word in ("--set", override)]
+        else:
+            cut.save(Path(scratch) / "launch.json")
+            command += ["--launch", str(Path(scratch) / "launch.json"), "--control"]
+        yield from _served(command, name, given, say, cut is None)
+
+
+def _served(
+    command: list[str], name: str, given: Sequence[str], say: Callable[[str], None], whole: bool
+) -> Iterator[Twins]:
     process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True, env={**os.environ, PARENT: str(os.getpid())},  # Ctrl-C ends the run, and it ends them
+        command, stdin=subprocess.DEVNULL if whole else subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True,  # Ctrl-C ends the run, and it ends them
+        env={**os.environ, PARENT: str(os.getpid())},
     )  # fmt: skip
     assert process.stdout is not None
     assert process.stderr is not None
@@ -85,9 +111,13 @@ def twins(
         threading.Thread(target=process.stdout.read, daemon=True).start()
         found = json.loads(first)["twins"]
         ports = [f"devices.{device}.port={address}" for device, address in found.items()]
-        yield Twins([*_start(name, given, found), *given, *ports], frozenset(found))
+        start = _start(name, given, found) if whole else []  # a part says nothing of a start
+        yield Twins([*start, *given, *ports], frozenset(found), process.stdin)
     finally:
         process.terminate()
+        if process.stdin is not None:
+            with suppress(OSError):
+                process.stdin.close()
         try:
             process.wait(_END)
         except subprocess.TimeoutExpired:

@@ -105,6 +105,7 @@ def _run(args: argparse.Namespace, twins: on_twins.Twins, signals: EndSignals, s
             source.label, source.text, list(source.overrides), str(source.files.folder), encoded(source.files.kept),
             args.sim, args.fast, cycles, automatic, [] if latched is None else latches.names(latched.latches),
             record is not None, args.person or "", _make_room(args, source, checked, status),
+            sorted(twins.devices),
         )  # fmt: skip
         telemetry = helpers(where, checked.bus, record, args.view, args.foxglove)
         supervisor = Supervisor(where, launch, state, telemetry, status.line)

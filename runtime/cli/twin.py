@@ -11,6 +11,7 @@ import shlex
 import signal
 import sys
 import time
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -20,15 +21,21 @@ import numpy as np
 from srl.runtime.cli import add_command, options, wearer
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
+from srl.runtime.contracts.files import Files, decoded
+from srl.runtime.contracts.wearer import Wearer, instruction_of
 from srl.runtime.contracts.world import Fake, Twin, World
 from srl.runtime.ipc.child import PARENT, end_with_parent
+from srl.runtime.ipc.launch import Launch
 from srl.runtime.loop.clock import MonotonicClock
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.source import Source
 
 RATE = 1000.0  # Hz, how often the world is stepped and the twins look at their ports
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
 LATE = 50_000_000  # ns behind its time, from which a client may take a device for silent
+_NOBODY = "the simulated world has no person who can be told, or several"
+_BEFORE_OTHERS = -10  # nice, where that is allowed
 LAST_WORDS = 50_000_000  # ns, how long the twins still hear what was sent before the end
 
 
@@ -49,6 +56,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--link", type=Path, metavar="FOLDER", help="keep a symlink FOLDER/DEVICE to each port")
     parser.add_argument("--log", type=Path, metavar="FILE.npz", help="save what happened at the end (docs/twins.md)")
     parser.add_argument("--control", action="store_true", help="take faults from standard input (docs/twins.md)")
+    parser.add_argument("--launch", type=Path, help=argparse.SUPPRESS)  # a part of the profile: srl calibrate --twin
     options.as_json(parser, "one JSON line with the addresses, one with the figures")
     parser.set_defaults(run=run)
 
@@ -57,12 +65,16 @@ def run(args: argparse.Namespace) -> int:
     """Serves until the duration is over or a signal arrives; with `srl run --twin`, until that is gone."""
     if PARENT in os.environ:
         end_with_parent(signal.SIGTERM)
+        with suppress(OSError):  # a twin that is late looks like a device that fails
+            os.setpriority(os.PRIO_PROCESS, 0, _BEFORE_OTHERS)
     _check_arguments(args)
-    checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
+    checked, source = _profile(args)
     graph = wiring.build(checked, source, [])
     assert graph.world is not None
     for line in (*(f"warning: {warning}" for warning in graph.warnings), *graph.remarks):
         print(line, file=sys.stderr)
+    if args.launch is not None and graph.world.wearer is None:
+        raise ProfileError(source.place("sim"), _NOBODY, "Calibrate with --sim or a person")
     twins = make_twins(graph, args.devices)
     for name, twin in twins.items():
         if args.link is not None:
@@ -96,6 +108,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _profile(args: argparse.Namespace) -> tuple[profile.Profile, Source]:
+    if args.launch is None:
+        return profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
+    launch = Launch.load(args.launch)
+    files = Files(Path(launch.folder), decoded(launch.files, "the launch file"), run_code=True)
+    return profile.parse(launch.label, launch.text, launch.overrides, files)
+
+
 def make_twins(graph: Graph, names: list[str]) -> dict[str, Twin]:
     """Makes a twin for each named device, by default for all that have one. None is opened yet.
 
@@ -127,7 +147,7 @@ def _serve(
     world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None, late: _Late
 ) -> None:
     clock = MonotonicClock(Fraction(args.poll))
-    control = _Control(twins, args.json) if args.control else None
+    control = _Control(twins, world.wearer, args.json) if args.control else None
     clock.start()
     start = clock.tick.deadline
     addresses = {name: twin.address for name, twin in twins.items()}
@@ -195,8 +215,8 @@ def _say(text: str, quiet: bool) -> None:
 class _Control:
     """Faults from standard input, one line each: VERB DEVICE. Each is answered by one line."""
 
-    def __init__(self, twins: dict[str, Twin], as_json: bool) -> None:
-        self._twins, self._json = twins, as_json
+    def __init__(self, twins: dict[str, Twin], person: Wearer | None, as_json: bool) -> None:
+        self._twins, self._person, self._json = twins, person, as_json
         self._poll = select.poll()
         self._poll.register(sys.stdin.fileno(), select.POLLIN)
         self._rest = b""
@@ -217,6 +237,9 @@ class _Control:
                     print(f"srl twin: {error}", file=sys.stderr, flush=True)
 
     def _do(self, words: list[str]) -> None:
+        if words[0] == "wearer":
+            self._instruct(" ".join(words[1:]))
+            return
         verb, name = words if len(words) == 2 else (" ".join(words), "")
         if verb not in _VERBS:
             raise RequestError(f"--control '{' '.join(words)}'", "expected VERB DEVICE", f"Verbs: {', '.join(_VERBS)}")
@@ -232,6 +255,16 @@ class _Control:
             setattr(twin, attribute, value)
         done = {"control": verb, "device": name, "address": twin.address}
         print(json.dumps(done) if self._json else f"ok {verb} {name} {twin.address}".rstrip(), flush=True)
+
+    def _instruct(self, text: str) -> None:
+        """What the simulated person does from now on, as `contracts.wearer.written` writes it."""
+        try:
+            if self._person is None:
+                raise ValueError(_NOBODY)
+            self._person.instruct(instruction_of(text))
+        except ValueError as error:
+            problem = f"the simulated person can't do it: {error}"
+            raise RequestError("--control wearer", problem, "Change what the profile simulates") from None
 
 
 _VERBS: dict[str, tuple[str, bool | None]] = {  # a method to call, or an attribute and its value

@@ -5,9 +5,10 @@ Pure data. Whoever instructs gives one at a time to `Wearer.instruct`, and asks 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from dataclasses import asdict, dataclass
+from typing import Final, Literal, Protocol, get_args
 
 from srl.runtime.contracts.rotation import Quaternion, Vector
 
@@ -168,6 +169,25 @@ class Do:
 Instruction = (
     Drive | Everyday | Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return | Do
 )
+_KINDS: Final = {kind.__name__: kind for kind in get_args(Instruction)}
+
+
+def written(instruction: Instruction) -> str:
+    """The instruction as one line of JSON, for another process."""
+    return json.dumps({type(instruction).__name__: asdict(instruction)}, default=list)
+
+
+def instruction_of(text: str) -> Instruction:
+    """The instruction that `written` wrote. Raises ValueError: it is none."""
+    content = json.loads(text)
+    if not isinstance(content, dict) or len(content) != 1 or next(iter(content)) not in _KINDS:
+        raise ValueError(f"expected one of {', '.join(sorted(_KINDS))}")
+    ((name, values),) = content.items()
+    try:
+        made: Instruction = _KINDS[name](**values)
+    except TypeError:
+        raise ValueError(f"{name} has other fields") from None
+    return made
 
 
 class Wearer(Protocol):

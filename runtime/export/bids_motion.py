@@ -187,7 +187,7 @@ def _sidecar(
     counts = {f"{kind}ChannelCount": sum(c.type == kind for c in channels) for kind in TYPES}
     points = {c.tracked_point for c in channels if c.type not in ("MISC", "LATENCY")}
     about = (meta.get("devices") or {}).get(device) or {}
-    simulated = device in (meta.get("simulated") or ())
+    simulated = device in recording.layout.simulated
     effective = (len(latency) - 1) / latency[-1] if latency[-1] > 0 else up / down
     return {
         "TaskName": task,

@@ -131,7 +131,7 @@ def _describe(info: Any, layout: Layout, channels: Channels) -> None:
     desc = info.desc()
     acquisition = desc.append_child("acquisition")
     facts = {"manufacturer": "srl", "model": layout.meta["name"], "profile_sha256": layout.meta["sha256"]}
-    for key, value in (facts | {"simulated": " ".join(layout.meta["simulated"])}).items():
+    for key, value in (facts | {"simulated": " ".join(layout.simulated)}).items():
         acquisition.append_child_value(key, value)
     for words in (State, Cause):  # what the numbers of two channels mean
         listed = desc.append_child(f"{words.__name__.lower()}s")

@@ -33,6 +33,7 @@ class Launch:
         recorded: True if a recorder reads the rows: an unpaced simulation then waits for it.
         person: the wearer's anonymous id, for the recording; empty: not said.
         said: what was done before the loop, for its events: recordings that were deleted.
+        twins: the devices that are on their twins.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -50,6 +51,7 @@ class Launch:
     recorded: bool = False
     person: str = ""
     said: list[str] = field(default_factory=list)
+    twins: list[str] = field(default_factory=list)
 
     @property
     def content(self) -> bytes:

@@ -139,6 +139,12 @@ class Layout:
         """The names among `devices` under which clients' setpoints come; they are no devices."""
         return {entry["name"].partition(".")[0] for entry in self.meta.get("setpoints", [])}
 
+    @property
+    def simulated(self) -> list[str]:
+        """The names among `devices` behind which there is no real device: simulated in the loop, or on their twins."""
+        made = {*(self.meta.get("simulated") or ()), *(self.meta.get("twins") or ())}
+        return [device for device in self.devices if device in made]
+
     def needs(self, place: str, *keys: str) -> None:
         """Checks that `meta` says all of this. Raises RecordingError."""
         if missing := [key for key in keys if key not in self.meta]:

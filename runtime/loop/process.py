@@ -142,6 +142,8 @@ class Process:
         meta["automatic"], meta["latches"] = self.launch.automatic, self.launch.latches
         if self.launch.person:
             meta["person"] = self.launch.person
+        if self.launch.twins:
+            meta["twins"] = self.launch.twins
         unpaced = isinstance(clock, SimClock) and self.launch.fast
         meta["unpaced"] = unpaced
         if unpaced:

@@ -92,8 +92,8 @@ def draw(recording: Recording, png: Path) -> None:
 def _title(recording: Recording, t: Times) -> str:
     meta = recording.layout.meta
     gone = sum(last - first + 1 for first, last in recording.missing)
-    simulated = meta.get("simulated") or []
-    everything = set(simulated) >= set(recording.layout.devices)
+    simulated = recording.layout.simulated
+    everything = simulated == recording.layout.devices
     parts = [f"{meta.get('name', recording.path.name)}: {len(t)} cycles in {t[-1] - t[0]:.1f} s"]
     parts += ["simulated" if everything else f"simulated: {', '.join(simulated)}"] if simulated else []
     parts += [f"{overruns} overruns"] if (overruns := int(recording.int("overruns").max())) else []

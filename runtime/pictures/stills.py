@@ -154,7 +154,7 @@ def draw(
 
 def title(recording: Recording) -> str:
     """The profile's name, and whether a device was simulated."""
-    simulated = " (simulated)" if recording.layout.meta.get("simulated") else ""
+    simulated = " (simulated)" if recording.layout.simulated else ""
     return f"{recording.layout.meta.get('name', '')}{simulated}"
 
 

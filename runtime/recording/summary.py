@@ -6,7 +6,6 @@ The rows are read block by block, so a long recording takes no more memory than 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -240,11 +239,11 @@ class _Sum:
             except (KeyError, IndexError):
                 pass  # a layout of an earlier version doesn't name it
         return Summary(
-            str(meta.get("name", "")), persons(self._layout), _simulated(self._layout.devices, meta),
+            str(meta.get("name", "")), persons(self._layout), _simulated(self._layout),
             self._first + int(meta.get("wall", 0)), (self._last - self._first) / 1e9, self.rows, text,
             number != 0 and cause not in NO_FAULT, problem, remedy if problem else "",
         )  # fmt: skip
 
 
-def _simulated(devices: Sequence[str], meta: dict[str, Any]) -> bool:
-    return bool(meta.get("simulated")) and set(meta["simulated"]) >= set(devices)
+def _simulated(layout: Layout) -> bool:
+    return bool(layout.simulated) and layout.simulated == layout.devices

@@ -69,7 +69,7 @@ class ChannelMap(RunChannels):
     @property
     def simulated(self) -> bool:
         """Whether the servos are simulated."""
-        return self.options.device in self.layout.meta["simulated"]
+        return self.options.device in self.layout.simulated
 
     def may_begin_again(self, row: NDArray[np.int64]) -> bool:
         """Never by itself: it could move."""
@@ -85,6 +85,7 @@ class ServoMethod(DeviceMethod[ChannelMap, Calibrated]):
     name, record_type, error, channels = WHAT, ServoRecord, ServoError, ChannelMap
     groups: ClassVar = {"plan": Plan, "thresholds": Thresholds}
     personal = False
+    instructed = False
     thing = "joints"
     counted = range(FIRST + 1, LEFT_OUT)
     report: ClassVar[ModuleType] = servo_report
@@ -236,7 +237,8 @@ class ServoMethod(DeviceMethod[ChannelMap, Calibrated]):
     def live(self, text: Source, name: str, record: Path, screen: Screen) -> RowSource:
         if not isinstance(screen, PanelScreen):
             screen = Keyed(f"srl calibrate {self.request.profile} {WHAT}: {self._device}")
-        return Drive(self.driven, self.channel_map, name, record, self.request.view, screen, self.say)
+        driven = replace(self.driven, twins=self.request.twins)
+        return Drive(driven, self.channel_map, name, record, self.request.view, screen, self.say)
 
     def _check(self, channel_map: ChannelMap, place: str) -> None:
         theirs = channel_map.options

@@ -145,7 +145,7 @@ class View:
         rate = layout.meta["rate"]
         self.scene: dict[str, Any] = {
             "kind": "scene", "name": str(layout.meta.get("name", "")), "rate": rate[0] / rate[1],
-            "simulated": layout.meta.get("simulated") or [], "things": things, "palette": PALETTE, "ramp": RAMP,
+            "simulated": layout.simulated, "things": things, "palette": PALETTE, "ramp": RAMP,
             "unknown": UNKNOWN, "frames": list(self._placing.frames),
             "scenery": _scenery(layout, self._solids.things), "solid": three.there(), "plots": [
                 {"title": said(layout, p.title), "unit": p.unit, "labels": labels}

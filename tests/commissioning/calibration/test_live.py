@@ -6,7 +6,6 @@ import json
 import subprocess
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from helpers.background import repeating
@@ -21,7 +20,7 @@ from srl.commissioning.calibration.ikns.result import compute
 from srl.commissioning.calibration.live import Live
 from srl.commissioning.calibration.profile_subset import build, subset
 from srl.commissioning.calibration.screen import Plain
-from srl.commissioning.calibration.sources import Rows, RowSource, recorded
+from srl.commissioning.calibration.sources import Rows, recorded
 from srl.commissioning.calibration.target import write_record
 from srl.control.ikns.calibration import Thresholds
 from srl.runtime.contracts.wearer import Instruction
@@ -35,23 +34,6 @@ from srl.sim.devices.vicon.twin import ViconTwin
 
 PLAN = Plan(static=1.0, exploration=12.0, trial=3.0, settle=0.3, patience=20.0)
 FEW = Thresholds(points=8, samples=60)
-
-
-class Led(RowSource):
-    """A live run whose simulated wearer is told what the person is."""
-
-    def __init__(self, live: Live, reported: list[Instruction]) -> None:
-        self._live, self._reported, self.channel_map = live, reported, live.channel_map
-
-    def take(self) -> Rows:
-        return self._live.take()
-
-    def begin(self, procedure: Any) -> None:
-        self._live.begin(procedure)
-        self._reported.append(procedure.instruction())
-
-    def close(self) -> None:
-        self._live.close()
 
 
 @pytest.mark.exhaustive
@@ -82,17 +64,18 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
         with repeating(turn, 0.002):
             text = PROFILE.replace("tcp://192.168.10.1:801", twin.address)
             made, source = subset(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
-            live = Live(source, channel_map, made.name, tmp_path / "live.rrd", False, lines.append)
-            led = Led(live, reported)
-            guide = Guide(led, Procedure(("swivel",), FEW, PLAN), Plain(lines.append), lambda: False)
+            live = Live(
+                source, channel_map, made.name, tmp_path / "live.rrd", False, lines.append, instruct=reported.append
+            )
+            guide = Guide(live, Procedure(("swivel",), FEW, PLAN), Plain(lines.append), lambda: False)
             try:
                 guide.run()
             finally:
-                led.close()
+                live.close()
     finally:
         twin.close()
     assert guide.first is not None
-    found = compute(led.channel_map, guide.samples, led.channel_map.date(guide.first))
+    found = compute(live.channel_map, guide.samples, live.channel_map.date(guide.first))
     assert [str(reason) for reason in found.refusals] == [], lines
     assert (found.found.upper - found.found.lower).min() > 1.0
     where, rows = recorded(tmp_path / "live.rrd", channel_map)
