@@ -65,8 +65,7 @@ def run(args: argparse.Namespace) -> int:
     """Serves until the duration is over or a signal arrives; with `srl run --twin`, until that is gone."""
     if PARENT in os.environ:
         end_with_parent(signal.SIGTERM)
-        with suppress(OSError):  # a twin that is late looks like a device that fails
-            os.setpriority(os.PRIO_PROCESS, 0, _BEFORE_OTHERS)
+        _before_others()
     _check_arguments(args)
     checked, source = _profile(args)
     graph = wiring.build(checked, source, [])
@@ -106,6 +105,14 @@ def run(args: argparse.Namespace) -> int:
     if log is not None:
         log.save(args.log, twins)
     return 0
+
+
+def _before_others() -> None:
+    """A twin that is late looks like a device that fails: it goes before what isn't a loop, where that is allowed."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, _BEFORE_OTHERS)
+    with suppress(OSError):  # the kernel shares the processors among sessions first, and this is a session of its own
+        Path("/proc/self/autogroup").write_text(str(_BEFORE_OTHERS))
 
 
 def _profile(args: argparse.Namespace) -> tuple[profile.Profile, Source]:

@@ -41,13 +41,13 @@ class Jogged:
 
         On a machine so busy that the page falls silent the key counts no more: it is pressed anew, as a person does.
         """
-        for last in (False,) * 5 + (True,):
+        for last in (False,) * 9 + (True,):
             seen = self.reader.head
             until(lambda seen=seen: self.reader.head > seen + 100 * REST + 20, what="time in which no key is held")
             self.page.value("document.getElementById('jog').focus()")
             self.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **RIGHT)
             started = self.reader.head
-            most = started + (1 << 40 if last else 600)
+            most = started + (1 << 40 if last else 300)
             until(lambda most=most: self._moves() or self.reader.head > most, what="motion")
             if self._moves():
                 return

@@ -55,7 +55,7 @@ def calibrated(
             await acts(tab)
 
         actor.folder = loop.folder  # type: ignore[attr-defined]
-        monkeypatch.setattr(method, "Live", lambda *_: actor)
+        monkeypatch.setattr(method, "Live", lambda *_, **__: actor)
         failed: list[BaseException] = []
 
         def act() -> None:

@@ -115,7 +115,7 @@ def test_a_question_is_withdrawn_when_the_state_changes(seen: Seen) -> None:
 
 def test_a_question_is_withdrawn_when_something_else_stops_it_too(seen: Seen) -> None:
     seen.control()
-    seen.loop.state, seen.loop.cause, seen.loop.latches = State.STOPPED, Cause.REQUEST, Latch.PERSON
+    seen.loop.latches, seen.loop.cause, seen.loop.state = Latch.PERSON, Cause.REQUEST, State.STOPPED  # in this order
     until(lambda: seen.able("reset"))
     seen.click("reset")
     seen.says("sure", "Reset now")

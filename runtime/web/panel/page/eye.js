@@ -31,6 +31,9 @@ export class Eye {
 
   look(turn, tilt) { [this.turn, this.tilt] = [turn, Math.min(Math.max(tilt, -1.55), 1.55)]; }
 
+  // What another picture of the same row depends on.
+  view() { return [this.turn, this.tilt, this.distance, ...this.shift, this.frames, this.follow, ...this.hidden, this.canvas.clientWidth, this.canvas.clientHeight]; }
+
   zoom(factor) { this.distance *= factor; this.own = true; }
 
   // One finger turns, with shift it moves; two move and zoom.

@@ -14,6 +14,7 @@ const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) =
 const eye = new Eye(part.space), curves = new Curves(part.curves, part.pause), legend = new Legend(part, eye);
 let space = null; // what draws, once it is known what there is to draw with
 let scene = null, newest = null, stopWords = "", frames = 0;
+let drawn = {}; // of which row, seen from where
 
 const operator = new Operator(part, (message) => link.say(message));
 const guide = new Guide(part, (message) => link.say(message));
@@ -85,7 +86,12 @@ function frame() {
   const isNow = (thing) => current && (laws || !thing.law);
   const asItWas = scene && current && !laws && scene.things.some((thing) => thing.law) ? ". Grey: as it was then" : "";
   if (scene && newest) {
-    if (space) space.draw(scene, newest, isNow);
+    const view = [kind, laws, ...eye.view(), matchMedia("(prefers-color-scheme: light)").matches].join();
+    if (space && (newest !== drawn.row || view !== drawn.view)) {
+      drawn = { row: newest, view };
+      space.draw(scene, newest, isNow);
+    }
+    space?.hurry?.(performance.now());
     curves.draw(current ? Math.max(now, newest.t) : newest.t);
     text(part.state, newest.state);
     part.state.className = current ? newest.state : ""; // a state that may be over has no colour

@@ -112,7 +112,6 @@ export class Solid {
     this.lie();
     this.look();
     this.renderer.render(this.scene, this.camera);
-    this.hurry(performance.now());
   }
 
   size() {
