@@ -26,10 +26,10 @@ from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.web.operator.client import OperatorPage
 
 PROFILE: Final = "human-srl"
-WIDTH, HEIGHT = 520, 560  # px
+WIDTH, HEIGHT = 500, 530  # px
 BEGIN, END = 4.5, 11.0  # s since the run began: a hand comes to the arm, stays, and goes
 RATE = 10.0  # pictures a second
-COLOURS = 96
+COLOURS = 64
 # Nothing but the picture, as large as the window, and nearer.
 ALONE = """(() => {
   const space = document.getElementById("space");
@@ -69,14 +69,15 @@ def _watched(page: Page) -> list[tuple[float, Image.Image]]:
         if at > END:
             return found
         if at > BEGIN:
-            shot = page.ask("Page.captureScreenshot", format="jpeg", quality=95)["data"]
+            shot = page.ask("Page.captureScreenshot", format="png")["data"]
             found.append((at, Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB")))
         time.sleep(max(0.0, due - time.monotonic()))
 
 
 def _save(pictures: list[tuple[float, Image.Image]], gif: Path) -> None:
     times = [at for at, _ in pictures]
-    first, *others = (each.quantize(COLOURS, dither=Image.Dither.NONE) for _, each in pictures)
+    palette = pictures[len(pictures) // 2][1].quantize(COLOURS)  # one for all: what stands still then costs nothing
+    first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for _, each in pictures)
     gaps = [round(100 * (b - a)) * 10 for a, b in zip(times, [*times[1:], times[-1] + 0.1], strict=True)]
     first.save(gif, "GIF", save_all=True, append_images=others, duration=gaps, loop=0, optimize=True)
 

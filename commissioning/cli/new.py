@@ -208,7 +208,7 @@ def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
     for remark in new_ports.remarks(graph):
         print(printable(f"  {remark}"))
     if graph.actuators:
-        words = f"{template}'s limb: compare them with yours before it moves (srl show)"
+        words = f"{template}'s limb: compare them with yours before it moves (srl check --all)"
         print(f"  its limits, directions and ids are those of {words}")
     print("Next:")
     file = shlex.quote(name)

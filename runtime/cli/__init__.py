@@ -16,8 +16,7 @@ from srl.runtime.contracts.printable import printable
 
 COMMANDS = {
     "list": "lists drivers, controllers and profiles",
-    "check": "checks a profile and prints its wiring",
-    "show": "shows a profile's devices, wiring and frames, as text or as a picture",
+    "check": "checks a profile and prints its wiring, or all of it; as text or as a picture",
     "run": "runs a profile",
     "stop": "puts the limb into its safe stop",
     "reset": "lets a stopped limb move again, from where it is",
@@ -69,14 +68,14 @@ def _main(arguments: Sequence[str] | None) -> int:
     )  # fmt: skip
     parser.add_argument("--version", action="version", version=f"srl-runtime {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    given = sys.argv[1:] if arguments is None else arguments
+    given = _renamed(sys.argv[1:] if arguments is None else arguments)
     completing = "_ARGCOMPLETE" in os.environ  # a shell asks what could come next (docs/deployment.md)
     _add_commands(subparsers, os.environ.get("COMP_LINE", "").split()[1:] if completing else given)
     if completing:
         from srl.runtime.cli import completion
 
         completion.answer(parser)
-    args = parser.parse_args(arguments)
+    args = parser.parse_args(given)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a file's name may be no UTF-8
     try:
@@ -103,6 +102,16 @@ def _main(arguments: Sequence[str] | None) -> int:
             raise
         print(printable(f"srl {args.command}: {fault}"), file=sys.stderr)
         return 2
+
+
+def _renamed(given: Sequence[str]) -> Sequence[str]:
+    """The arguments with a command's new name, which is said; the next version knows only that."""
+    if not given or given[0] != "show":
+        return given
+    part = not {"--all", "--devices", "--wiring", "--frames"}.isdisjoint(given)
+    now = ["check", *given[1:], *([] if part else ["--all"])]
+    print(f"srl show is called `srl {' '.join(now)}` now; the next version knows only that", file=sys.stderr)
+    return now
 
 
 def _named(command: str, error: str) -> str:

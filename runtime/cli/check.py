@@ -1,14 +1,15 @@
-"""`srl check`: validates a profile and prints its wiring. Opens nothing."""
+"""`srl check`: validates a profile and prints its wiring, or all of it. Opens nothing."""
 
 from __future__ import annotations
 
 import argparse
 import datetime
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from typing import Any
 
-from srl.runtime.cli import add_command, calibrations, options
+from srl.runtime.cli import add_command, calibrations, options, show
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.guard import GUARDS
 from srl.runtime.profile import code_files, library, profile, start_mode, wiring
@@ -24,8 +25,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     options.profile(parser, needed=False)
     options.sim(parser)
     options.overrides(parser)
+    show.add_options(parser)
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a profile, for editors")
-    options.as_json(parser, "the wiring as one JSON object")
+    options.as_json(parser, "the wiring as one JSON object; with --all, all of it")
     parser.set_defaults(run=run)
 
 
@@ -38,65 +40,82 @@ def run(args: argparse.Namespace) -> int:
         from srl.runtime.contracts.errors import ProfileError
 
         raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(library.shipped())}")
+    show.check(args)
     graph, guards = examine(args.profile, args.set, args.sim)
-    checked, source = graph.profile, graph.source
-    remarks = {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()}
-    judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
-    listing = listed(checked, graph.devices, graph.controllers, graph.world, judges)
-    of_files = calibrations.warnings(source.files.kept, datetime.date.today())
-    read = files(checked, graph.devices, graph.controllers, graph.world, judges) | code_files.files(checked, source)
+    written = show.write(args, graph)
     if args.json:
-        content = {
-            "profile": checked.name,
-            "rate_hz": float(checked.rate),
-            "chosen": source.chosen,
-            "wiring": [asdict(connection) for connection in connections(graph)],
-            "transforms": transforms(graph),
-            "untaken": untaken(graph),
-            "files": {path: {"path": str(f.path), "sha256": f.sha256} for path, f in read.items()},
-            "warnings": [*graph.warnings, *of_files],
-            "remarks": graph.remarks,
-            "commands": guards,
-            "clearances": remarks,
-            "listed_options": listing,
-            "listed_limits": {name: listed_limits(graph, name) for name in guards},
-        }
-        print(json.dumps(content))
+        found = show.content(graph) if args.only else content(graph, guards)
+        print(json.dumps(found | {option: str(vars(args)[option]) for option in written}, allow_nan=False))
         return 0
-    print(f"{checked.name}: {checked.summary}".rstrip(": "))
-    print(f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {start_mode.start(graph)}")
+    print("\n".join([*(show.lines(graph, args.only) if args.only else lines(graph, guards)), *written.values()]))
+    return 0
+
+
+def _read(graph: Graph) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
+    """The files that a run would read, and the options that are lists, by their key paths."""
+    judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
+    built = graph.profile, graph.devices, graph.controllers, graph.world, judges
+    return files(*built) | code_files.files(graph.profile, graph.source), listed(*built)
+
+
+def content(graph: Graph, guards: dict[str, str]) -> dict[str, Any]:
+    """What `--json` prints; `guards`: each command's stop category."""
+    checked, source = graph.profile, graph.source
+    read, listing = _read(graph)
+    return {
+        "profile": checked.name,
+        "rate_hz": float(checked.rate),
+        "chosen": source.chosen,
+        "wiring": [asdict(connection) for connection in connections(graph)],
+        "transforms": transforms(graph),
+        "untaken": untaken(graph),
+        "files": {path: {"path": str(f.path), "sha256": f.sha256} for path, f in read.items()},
+        "warnings": [*graph.warnings, *calibrations.warnings(source.files.kept, datetime.date.today())],
+        "remarks": graph.remarks,
+        "commands": guards,
+        "clearances": {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()},
+        "listed_options": listing,
+        "listed_limits": {name: listed_limits(graph, name) for name in guards},
+    }
+
+
+def lines(graph: Graph, guards: dict[str, str]) -> Iterator[str]:
+    """The text; `guards`: each command's stop category."""
+    checked, source = graph.profile, graph.source
+    read, listing = _read(graph)
+    yield f"{checked.name}: {checked.summary}".rstrip(": ")
+    yield f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {start_mode.start(graph)}"
     for choice, word in source.chosen.items():
-        print(f"  choice {choice}: {word}")
+        yield f"  choice {choice}: {word}"
     for device in graph.devices:
         kind = "simulated" if device.name in graph.simulated else checked.devices[device.name].driver
         age = f", stale after {device.max_age:g} s" if device.max_age else ""
-        print(f"  device {device.name} ({kind}{age})")
+        yield f"  device {device.name} ({kind}{age})"
     for c in connections(graph):
-        print(f"  {c.start:<34} -> {c.end:<34} {c.form}" + ", by name" * bool(c.elements))
+        yield f"  {c.start:<34} -> {c.end:<34} {c.form}" + ", by name" * bool(c.elements)
         for start, end in c.elements:
-            print(f"    {start:<32} -> {end}")
+            yield f"    {start:<32} -> {end}"
     for t in transforms(graph):
         place = ", ".join(f"{v:g}" for v in t["position"]), ", ".join(f"{v:.6g}" for v in t["quaternion"])
         by = f", measured by {', '.join(t['measured_by'])}" if t["measured_by"] else ""
-        print(f"  {t['name']:<34} {t['of']} in {t['into']}, from {t['from']}{by}")
-        print(f"    position {place[0]} m, quaternion {place[1]}" + " while what is measured is zero" * bool(by))
+        yield f"  {t['name']:<34} {t['of']} in {t['into']}, from {t['from']}{by}"
+        yield f"    position {place[0]} m, quaternion {place[1]}" + " while what is measured is zero" * bool(by)
     for path, values in listing.items():
-        print(f"  option {path}: {_pairs(values)}")
+        yield f"  option {path}: {_pairs(values)}"
     for path, file in read.items():
-        print(f"  file {path}: {file.path}, sha256 {file.sha256}")
-    for warning in (*graph.warnings, *of_files):
-        print(f"  warning: {warning}")
+        yield f"  file {path}: {file.path}, sha256 {file.sha256}"
+    for warning in (*graph.warnings, *calibrations.warnings(source.files.kept, datetime.date.today())):
+        yield f"  warning: {warning}"
     for remark in graph.remarks:
-        print(f"  {remark}")
+        yield f"  {remark}"
     if left := untaken(graph):
-        print(f"  nothing takes {', '.join(left)}")
+        yield f"  nothing takes {', '.join(left)}"
     for name, category in guards.items():
-        print(f"  guard {name}, stop: {category}")
+        yield f"  guard {name}, stop: {category}"
         for limit, values in listed_limits(graph, name).items():
-            print(f"    {limit}: {_pairs(values)}")
-        for remark in remarks.get(name, ()):
-            print(f"    {remark}")
-    return 0
+            yield f"    {limit}: {_pairs(values)}"
+        for remark in graph.clearances[name].clearance.remarks() if name in graph.clearances else ():
+            yield f"    {remark}"
 
 
 def _pairs(values: dict[str, float]) -> str:

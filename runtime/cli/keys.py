@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
         names = f"ca: /etc/srl/{AUTHORITY}.pem, certificate: /etc/srl/{args.name}.pem, key: /etc/srl/{args.name}.key"
         print(f"    tls: {{{names}}}")
         print("    roles: {operator: [], observer: []}   # the names of those who may connect")
-        print("For a ROS 2 router instead: srl show PROFILE --router FILE (docs/ros2.md)")
+        print("For a ROS 2 router instead: srl check PROFILE --router FILE (docs/ros2.md)")
     else:
         print(f"Give {AUTHORITY}.pem and these two to {args.name}. In the profile:")
         print("  bus:")

@@ -1,4 +1,4 @@
-"""The text of `srl show`: plain lines of at most 100 columns."""
+"""The text of `srl check --all`: plain lines of at most 100 columns."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What `srl show` says of a profile."""
+"""What `srl check --all` says of a profile."""

@@ -1,4 +1,4 @@
-"""The tree of frames of a wired system, with what hangs on each: for `srl show`.
+"""The tree of frames of a wired system, with what hangs on each: for `srl check --all`.
 
 The runtime knows a link that moves with joints (`arm/flange`), or a body of a simulated part, as a root: no fixed
 number says where it is. Here each stands below what it moves with, without a place.

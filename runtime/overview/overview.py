@@ -1,4 +1,4 @@
-"""A wired system as plain data, for people and programs that look at it: `srl show`.
+"""A wired system as plain data, for people and programs that look at it: `srl check --all`.
 
 Everything is of JSON types. Numbers that aren't finite are None: nothing bounds them.
 """

@@ -112,7 +112,7 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
 
 
 def _listed(names: Iterable[str]) -> str:
-    """A line for each name, as far as there is room: the text of `srl show` has all."""
+    """A line for each name, as far as there is room: the text of `srl check --all` has all."""
     lines = list(names)
     if len(lines) > MOST:
         lines[MOST - 1 :] = [f"and {len(lines) - MOST + 1} more"]

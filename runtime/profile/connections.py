@@ -1,4 +1,4 @@
-"""What is connected in a wired system, and what nothing takes: for `srl check` and `srl show`."""
+"""What is connected in a wired system, and what nothing takes: for `srl check` and `srl check --all`."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def test_what_takes_a_value_says_which() -> None:
 @pytest.mark.parametrize(
     ("arguments", "old", "new"),
     [
-        (["show", "servo-jog", "--png", "a.pdf"], "--png", "--figure"),
+        (["check", "servo-jog", "--png", "a.pdf"], "--png", "--figure"),
         (["panel", "--port", "70000"], "--port", "--web-port"),
         (["twin", "servo-jog", "--speed", "-1"], "--speed", "--pace"),
         (["twin", "servo-jog", "--rate", "1"], "--rate", "--poll"),
@@ -74,6 +74,16 @@ def test_an_old_spelling_does_the_same_and_names_the_new(
     assert hint == f"srl {arguments[0]}: {old} is called {new} now; the next version knows only that"
     assert f"srl {arguments[0]}: {new}" in error
     assert old not in page()[page().index(f"## srl {arguments[0]}") :].split("\n## ")[0].split()
+
+
+@pytest.mark.parametrize("more", [[], ["--frames"]])
+def test_an_old_command_does_the_same_and_names_the_new(more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "servo-jog", *more]) == 0
+    was = capsys.readouterr()
+    now = more or ["--all"]
+    assert was.err == f"srl show is called `srl check servo-jog {now[0]}` now; the next version knows only that\n"
+    assert main(["check", "servo-jog", *now]) == 0
+    assert capsys.readouterr().out == was.out
 
 
 def test_the_page_is_what_the_commands_say() -> None:

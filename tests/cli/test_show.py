@@ -25,14 +25,15 @@ REPORT_EVERY = ("sixth-finger", "ikns-finger", "moca-man", "human-srl", "strap-j
 
 @cache
 def built(name: str, *overrides: str) -> tuple[Graph, dict[str, Any]]:
-    """A profile as it is wired, without a simulation, and what `srl show --json` prints of it."""
+    """A profile as it is wired, without a simulation, and what `srl check --all --json` prints of it."""
     checked, source = profile.load(name, overrides)
     graph = wiring.build(checked, source)
     return graph, json.loads(json.dumps(overview(graph, limits_of(graph)), allow_nan=False))
 
 
 def shown(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main(["show", *arguments]) == 0
+    part = {"--devices", "--wiring", "--frames"} & {*arguments}
+    assert main(["check", *arguments, *([] if part else ["--all"])]) == 0
     return capsys.readouterr().out
 
 
@@ -248,9 +249,9 @@ def test_it_refuses_what_a_check_refuses_in_the_same_words(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = []
-    for command in ("check", "show"):
-        assert main([command, *arguments]) == 2
-        output.append(capsys.readouterr().err.removeprefix(f"srl {command}: "))
+    for more in ([], ["--all"]):
+        assert main(["check", *arguments, *more]) == 2
+        output.append(capsys.readouterr().err)
     assert output[0] == output[1]
 
 
@@ -270,7 +271,7 @@ def test_options_that_cant_be(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["show", "sixth-finger", *arguments]) == 2
+    assert main(["check", "sixth-finger", *arguments]) == 2
     reported = capsys.readouterr()
     assert words in reported.err
     assert reported.out == ""

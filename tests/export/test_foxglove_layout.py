@@ -139,8 +139,8 @@ def test_the_settings_are_those_that_foxglove_s_own_types_have() -> None:
 
 def test_the_command_writes_it_and_refuses_another_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "jog.json"
-    assert main(["show", "servo-jog", "--sim", "--foxglove-layout", str(target)]) == 0
+    assert main(["check", "servo-jog", "--sim", "--foxglove-layout", str(target)]) == 0
     assert f"{target}: 5 panels" in capsys.readouterr().out
     made = json.loads(target.read_text())
     assert "/world/finger_position.data[0]" in str(paths(made)) or "/finger/position.position[0]" in str(paths(made))
-    assert "doesn't end in .json" in refused("show", "servo-jog", "--foxglove-layout", str(tmp_path / "jog.yaml"))
+    assert "doesn't end in .json" in refused("check", "servo-jog", "--foxglove-layout", str(tmp_path / "jog.yaml"))

@@ -44,7 +44,7 @@ def painted(made: Wiring) -> Any:
 @pytest.mark.slow
 def test_a_picture_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     png = tmp_path / "sixth-finger.png"
-    assert main(["show", "sixth-finger", "--figure", str(png)]) == 0
+    assert main(["check", "--all", "sixth-finger", "--figure", str(png)]) == 0
     assert png.read_bytes().startswith(b"\x89PNG")
     assert plt.imread(png).std() > 0.02  # something is drawn
     assert capsys.readouterr().out.splitlines()[-1] == f"{png}: the wiring and the frames"
@@ -56,7 +56,7 @@ def test_words_are_drawn_as_they_are(tmp_path: Path) -> None:
     png = tmp_path / "it.png"
     summary = "summary=a $\\frac{1$ b of $5"
     frames = "frames={hand: {}, finger: {parent: hand}, 'tip$x^{$': {parent: hand, position: [0.1, 0, 0]}}"
-    assert main(["show", "sixth-finger", "--set", summary, "--set", frames, "--figure", str(png)]) == 0
+    assert main(["check", "--all", "sixth-finger", "--set", summary, "--set", frames, "--figure", str(png)]) == 0
 
 
 @pytest.mark.slow
@@ -66,7 +66,7 @@ def test_a_picture_that_cant_be_written_leaves_the_one_before(
     (tmp_path / "mine.yaml").write_text("mine\n")
     png = tmp_path / "it.png"
     png.symlink_to(tmp_path / "mine.yaml")
-    assert main(["show", "servo-jog", "--figure", str(png)]) == 0
+    assert main(["check", "--all", "servo-jog", "--figure", str(png)]) == 0
     assert (tmp_path / "mine.yaml").read_text() == "mine\n"  # a link is replaced, not followed
     before = png.read_bytes()
 
@@ -74,7 +74,7 @@ def test_a_picture_that_cant_be_written_leaves_the_one_before(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    assert main(["show", "sixth-finger", "--figure", str(png)]) == 2
+    assert main(["check", "--all", "sixth-finger", "--figure", str(png)]) == 2
     assert "it.png: it can't be written: No space left on device" in capsys.readouterr().err
     assert png.read_bytes() == before
     assert {path.name for path in tmp_path.iterdir()} == {"mine.yaml", "it.png"}

@@ -44,7 +44,7 @@ def test_check_says_whose_code_is_run_and_where_it_is(home: Path, capsys: pytest
         assert "there/own.yaml line 4: devices.knob.driver: the code in ./follow.py is run" in shown["remarks"]
     assert main(["check", "there/own.yaml"]) == 0
     assert "the code in ./follow.py is run" in capsys.readouterr().out
-    assert main(["show", "there/own.yaml"]) == 0
+    assert main(["check", "--all", "there/own.yaml"]) == 0
     assert "follow-twice (./follow.py:FollowTwice)" in capsys.readouterr().out
 
 

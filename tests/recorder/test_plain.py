@@ -268,7 +268,7 @@ def test_a_machine_with_the_core_alone_runs_records_and_replays_a_device(tmp_pat
     [
         (("run", "servo-jog", "--sim", "--duration", "1"), "sim"),
         (("check", "kairos-man"), "models"),
-        (("show", "servo-jog", "--figure", "a.png"), "view"),
+        (("check", "servo-jog", "--figure", "a.png"), "view"),
         (("run", "vicon-station", "--view"), "panel"),
         (("run", "vicon-station", "--figure", "a.png"), "view"),
         (("keys", "keys", "robot"), "panel"),

@@ -57,7 +57,7 @@ def test_roles_have_the_rights_that_they_have_on_the_bus(lab: dict[str, Any]) ->
 )
 def test_without_tls_and_roles_there_is_no_such_configuration(lab: dict[str, Any], change: Any, tmp_path: Path) -> None:
     given = ["--set", f"bus={json.dumps(lab | change)}"]
-    problem = refused("show", "servo-jog", "--sim", *given, "--router", str(tmp_path / "r.json5"))
+    problem = refused("check", "servo-jog", "--sim", *given, "--router", str(tmp_path / "r.json5"))
     assert "bus.roles" in problem
 
 

@@ -203,7 +203,7 @@ class Lab:
     @contextmanager
     def router(self) -> Iterator[None]:
         """A router with the configuration that `srl show --router` writes."""
-        command = [sys.executable, "-m", "srl", "show", "servo-jog", "--sim", "--set", self.bus, "--router", "r.json5"]
+        command = [sys.executable, "-m", "srl", "check", "servo-jog", "--sim", "--set", self.bus, "--router", "r.json5"]
         subprocess.run(command, cwd=self.folder, check=True, capture_output=True)
         there = os.getcwd()
         os.chdir(self.folder)  # its files are named as beside it

@@ -343,7 +343,7 @@ def test_answers_that_are_odd(
 def test_its_name_alone_names_the_file_that_is_meant(folder: Path) -> None:
     """Not another limb whose name is alike."""
     assert main(["new", "moca-fingers", "--from", "servo-jog"]) == 0
-    for command in ("check", "show", "run"):
+    for command in ("check", "run"):
         assert "no profile has this name. Did you mean moca-fingers.yaml, which is here?" in refused(
             command, "moca-fingers"
         )
