@@ -23,13 +23,13 @@ from helpers.run import environment, srl
 from helpers.wait import until
 
 from srl.runtime.ipc.run_folder import RunFolder
+from srl.runtime.pictures.film import in_common_colours
 from srl.runtime.web.operator.client import OperatorPage
 
 PROFILE: Final = "human-srl"
 WIDTH, HEIGHT = 500, 530  # px
 BEGIN, END = 4.5, 11.0  # s since the run began: a hand comes to the arm, stays, and goes
 RATE = 10.0  # pictures a second
-COLOURS = 64
 # Nothing but the picture, as large as the window, and nearer.
 ALONE = """(() => {
   const space = document.getElementById("space");
@@ -76,8 +76,7 @@ def _watched(page: Page) -> list[tuple[float, Image.Image]]:
 
 def _save(pictures: list[tuple[float, Image.Image]], gif: Path) -> None:
     times = [at for at, _ in pictures]
-    palette = pictures[len(pictures) // 2][1].quantize(COLOURS)  # one for all: what stands still then costs nothing
-    first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for _, each in pictures)
+    first, *others = in_common_colours([picture for _, picture in pictures])
     gaps = [round(100 * (b - a)) * 10 for a, b in zip(times, [*times[1:], times[-1] + 0.1], strict=True)]
     first.save(gif, "GIF", save_all=True, append_images=others, duration=gaps, loop=0, optimize=True)
 

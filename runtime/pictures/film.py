@@ -72,7 +72,7 @@ def draw(
             if t == times[0]:
                 figure.set_layout_engine("none")  # arranged once, so that nothing shifts
             pictures.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB"))
-        first, *others = _in_common_colours(pictures)
+        first, *others = in_common_colours(pictures)
         first.save(gif, "GIF", save_all=True, append_images=others, duration=round(1000 * period), loop=0)
     except OSError as error:
         raise RecordingError(str(gif), f"it can't be written: {error.strerror}", "Choose another place") from None
@@ -94,7 +94,7 @@ def _whole(middles: Array, reach: Array) -> tuple[Array, Array]:
     return (low + high) / 2, (high - low) / 2
 
 
-def _in_common_colours(pictures: list[Image.Image]) -> list[Image.Image]:
+def in_common_colours(pictures: list[Image.Image]) -> list[Image.Image]:
     """The pictures in the colours that ten of them need; rare ones aren't merged, since they mean something."""
     some = pictures[:: max(1, len(pictures) // 10)]
     width, height = pictures[0].size
