@@ -32,7 +32,7 @@ def find(checked: Profile, source: Source, use: str = LAW) -> int:
     found = [i for i, entry in enumerate(checked.controllers) if entry.use == use]
     if len(found) != 1:
         problem = f"the profile has {len(found)} laws '{use}'" if found else f"the profile has no law '{use}'"
-        remedy = "Calibrate with a profile that has one" if found else f"Add `- use: {use}` to it (docs/{use}.md)"
+        remedy = "Calibrate with a profile that has one" if found else f"Add `- use: {use}` to it (docs/calibrate.md)"
         raise ProfileError(source.place("controllers"), problem, remedy)
     return found[0]
 

@@ -10,6 +10,7 @@ COMMANDS: Final = {
     "new": "writes a profile of your own, a package for your own device, or a control law in a file",
     "calibrate": "makes the calibration file of a person or a device",
     "jog": "moves one joint of a device while a key is held",
+    "migrate": "writes the new names of options into a profile of an older version",
     "find-port": "lists the serial ports, what each may be, and whether you may open it",
 }
 """What each does, in one line."""

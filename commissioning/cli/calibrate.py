@@ -29,7 +29,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
     )
     options.sim(parser, "a simulated person does it, as fast as it goes; named must be all that it reads")
-    on_twins.add_option(parser, "the real drivers, on simulated devices that a simulated person wears, in real time")
+    on_twins.add_option(parser)
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
     parser.add_argument("--view", action="store_true", help="show a person's motion on the panel, in a browser here")
     parser.add_argument(

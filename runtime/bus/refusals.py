@@ -31,7 +31,7 @@ def refused(
         Answer.REFUSED_STATE: (
             f"not possible while {state}",
             {
-                RequestKind.START: "Start is for the state ready",
+                RequestKind.START: "Start is for the state ready; a stopped limb is reset",
                 RequestKind.RESET: "Reset is for the state stopped",
             }.get(kind, "Look at the status"),
         ),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from srl.runtime.cli import add_command, options
 from srl.runtime.cli.status import working
-from srl.runtime.contracts.errors import ProfileError, RequestError
+from srl.runtime.contracts.errors import ProfileError, RequestError, SrlError
 
 if TYPE_CHECKING:
     from srl.runtime.recording.reader import Recording
@@ -97,8 +97,16 @@ def run(args: argparse.Namespace) -> int:
             others = ", ".join(f"--{other}" for other in needed)
             raise RequestError(f"--{option}", f"it is for {others}", f"Add --{needed[0]} FILE, or leave it out")
     options.check_figure(args.figure)
-    with working(f"{args.recording} is exported"):
-        metrics, lines, missing = _export(args)
+    options.check_person(args.person)
+    metrics: dict[str, object] = {"recording": str(args.recording)}
+    lines: list[str] = []
+    try:
+        with working(f"{args.recording} is exported"):
+            missing = _export(args, metrics, lines)
+    except SrlError:
+        for line in lines:  # what was written before is there
+            print(line)
+        raise
     if args.json:
         print(json.dumps(metrics))
         return 0
@@ -108,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int]:
-    """Writes what is asked for; returns the figures, the lines about them, and the number of missing rows."""
+def _export(args: argparse.Namespace, metrics: dict[str, object], lines: list[str]) -> int:
+    """Writes what is asked for, with the figures and the lines about it; returns the number of missing rows."""
     from srl.runtime.recording.reader import read
 
     if args.rrd is not None:
@@ -118,8 +126,8 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
         rows, left_out = convert(args.recording, args.rrd)
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
-    metrics: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
-    lines = _data(recording, args, metrics)
+    metrics["missing_rows"] = missing
+    _data(recording, args, metrics, lines)
     if args.rrd is not None:
         metrics["rrd"] = str(args.rrd)
         lines += [f"{args.rrd}: {rows} rows", *(f"not whole: {line}" for line in left_out)]
@@ -159,14 +167,13 @@ def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int
         count, period = film.draw(recording, args.film, between, rate, tuple(args.show or ()), args.side)
         metrics |= {"film": str(args.film), "pictures": count, "film_period": period}
         lines.append(f"{args.film}: {count} pictures, {1.0 / period:g} a second")
-    return metrics, lines, missing
+    return missing
 
 
-def _data(recording: Recording, args: argparse.Namespace, metrics: dict[str, object]) -> list[str]:
-    """Writes the files of data; returns what to say of them."""
+def _data(recording: Recording, args: argparse.Namespace, metrics: dict[str, object], lines: list[str]) -> None:
+    """Writes the files of data, and adds what to say of them."""
     from srl.runtime.export import formats
 
-    lines = []
     for form in formats.FORMATS:
         target = getattr(args, form)
         if target is None:
@@ -176,7 +183,6 @@ def _data(recording: Recording, args: argparse.Namespace, metrics: dict[str, obj
         metrics[form] = {"files": [str(p) for p in report.files], "left_out": report.left_out}
         lines.append(f"{target}: {report.content}")
         lines += [f"  left out: {line}" for line in report.left_out]
-    return lines
 
 
 def _bvh(recording: Recording, args: argparse.Namespace) -> tuple[int, str, float]:

@@ -53,12 +53,12 @@ class Twins:
             raise HostError("--twin", "the twins have ended", "Begin again; nothing was written") from None
 
 
-_DRIVERS: Final = "the real drivers, on simulated devices that speak the wire protocol"
-
-
-def add_option(parser: argparse.ArgumentParser, text: str = _DRIVERS) -> None:
+def add_option(parser: argparse.ArgumentParser) -> None:
     """Adds `--twin` to a command."""
-    parser.add_argument("--twin", nargs="*", metavar="DEVICE", help=f"{text}; without a name, all that have one")
+    parser.add_argument(
+        "--twin", nargs="*", metavar="DEVICE",
+        help="the real drivers, on simulated devices that speak the wire protocol; without a name, all that have one",
+    )  # fmt: skip
 
 
 @contextmanager

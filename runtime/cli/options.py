@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -52,6 +53,15 @@ def confirm(parser: argparse.ArgumentParser) -> None:
 def wearer(parser: argparse.ArgumentParser) -> None:
     """What the simulated person does."""
     parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
+
+
+def check_person(person: str | None) -> None:
+    """Raises RequestError: an id could be a name. None is none."""
+    from srl.runtime.ipc.launch import ANONYMOUS
+
+    if person is not None and not re.fullmatch(ANONYMOUS, person):
+        problem = f"'{person}' isn't anonymous: up to four letters, then a number"
+        raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
 
 
 def figure(parser: argparse.ArgumentParser, text: str) -> None:

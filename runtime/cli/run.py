@@ -160,7 +160,7 @@ def _supervise(
         status.wait(f"{args.record} is completed")
     failed = supervisor.finish()
     status.clear()
-    if "recorder" in failed:
+    if "recorder" in failed and summary is not None:  # else there was no row to record
         status.line("the recording is NOT complete; what was saved is in its .segments folder")
     return (summary.metrics() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
 
@@ -230,9 +230,7 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
         raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim, or --twin")
     if args.person is not None and args.record is None:
         raise RequestError("--person", "nothing is recorded that could say it", "Add --record FILE.rrd")
-    if args.person is not None and not re.fullmatch(ANONYMOUS, args.person):
-        problem = f"'{args.person}' isn't anonymous: up to four letters, then a number"
-        raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
+    options.check_person(args.person)
     if args.record is not None:
         from srl.runtime.recording.segments import check_target
 

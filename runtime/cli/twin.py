@@ -36,6 +36,7 @@ LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
 LATE = 50_000_000  # ns behind its time, from which a client may take a device for silent
 _NOBODY = "the simulated world has no person who can be told, or several"
 _BEFORE_OTHERS = -10  # nice, where that is allowed
+_HURRY = "End other programs" + ("" if PARENT in os.environ else ", or give it priority: chrt -f 10 srl twin ...")
 LAST_WORDS = 50_000_000  # ns, how long the twins still hear what was sent before the end
 
 
@@ -301,7 +302,7 @@ class _Late:
         if self._late and not before and self._times == 1:
             print(
                 f"srl twin: late by {behind * 1e-9:.2f} s, as this machine is busy: what the devices say comes late, "
-                "and a client may find them silent. End other programs, or give it priority: chrt -f 10 srl twin ...",
+                f"and a client may find them silent. {_HURRY}",
                 file=sys.stderr, flush=True,
             )  # fmt: skip
 

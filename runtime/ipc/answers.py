@@ -12,7 +12,6 @@ from srl.runtime.ipc.run_folder import RunFolder
 
 _NEWEST = 4096  # rows that are looked through
 _WORDS = {
-    Answer.REFUSED_STATE: "not possible in this state",
     Answer.REFUSED_FAULT: "what caused the stop is still there; a device that refuses to move was told to recover",
     Answer.REFUSED_VALUE: "the value isn't finite, in bounds and of the right size",
     Answer.REFUSED_LATCH: "it may not end this stop",
@@ -22,6 +21,7 @@ _WORDS = {
     Answer.REFUSED_UNMEASURED: "nothing measures where the limb is now. End the run, put it near its home, begin again",
     Answer.REFUSED_KEPT: "what stands can't be released in this run, as an emergency input isn't read; use `srl run`",
 }
+_INSTEAD = {State.STOPPED: "; `srl reset` lets it move again", State.READY: "; `srl start` lets it move"}
 
 
 def content(answer: Answer, state: State, cause: Cause, fault_source: str, latched: int) -> dict[str, object]:
@@ -30,6 +30,8 @@ def content(answer: Answer, state: State, cause: Cause, fault_source: str, latch
     found |= {"fault_source": fault_source, "latches": latches.names(latched)}
     if answer is not Answer.DONE:
         found["error"] = _WORDS.get(answer, "refused")
+    if answer is Answer.REFUSED_STATE:
+        found["error"] = f"not possible while {state.name.lower()}{_INSTEAD.get(state, '')}"
     return found
 
 

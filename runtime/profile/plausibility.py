@@ -1,8 +1,8 @@
 """Warnings: numbers and wiring that are probably wrong, but not refused.
 
-Numbers in another unit: degrees for radians, millimetres for metres, grams for kilograms. A number's unit is the first
-word of its option's description; a hall may be longer than a room. Where a real device is to move, such a number is
-refused, unless the profile's `meant:` names it.
+Numbers in another unit: degrees for radians, millimetres for metres, grams for kilograms, milliseconds for
+seconds. A number's unit is the first word of its option's description; a hall may be longer than a room. Where a real
+device is to move, such a number is refused, unless the profile's `meant:` names it.
 
 A file of the simulated wearer where real devices feed the law, and one of another body than the profile's.
 
@@ -20,13 +20,14 @@ A worn arm that nothing keeps clear of its wearer, though a suit says where the 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import hypot, inf, isfinite, pi, radians
 from typing import Any, Final
 
 from pydantic.fields import FieldInfo
 
 from srl.runtime.contracts.clearance import Clearance
+from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.options import old_keys
@@ -34,7 +35,7 @@ from srl.runtime.contracts.signals import Command
 from srl.runtime.contracts.world import World
 from srl.runtime.models.models import ArmsModel, bodies
 from srl.runtime.profile import robots
-from srl.runtime.profile.graph import Law
+from srl.runtime.profile.graph import Graph, Law
 from srl.runtime.profile.option_tree import items, options
 from srl.runtime.profile.ports import shared
 from srl.runtime.profile.profile import Profile
@@ -47,6 +48,7 @@ NEAR: Final = 1.0  # m, by which a mount may be off
 FAST: Final = {"rad": 25.0, "m": 10.0}  # a second; servos turn by 10 rad/s, and a base's speeds are in both
 FAR: Final = 1.0  # rad or m: a limb that is further from its command follows nothing
 PERSON: Final = 150.0  # kg
+OLD: Final = 5.0  # s; by what is older nobody guides a limb
 _UNIT: Final = re.compile(r"(rad|m|kg)(?![\w/^*]| m\b)(?! (?:and|s)\b)")
 
 
@@ -85,7 +87,8 @@ def warnings(
         for place, value in _numbers(window, f"guard.{name}.following_error.window"):
             if value > FAR:
                 units.append((place, f"{value:g} rad or m is no limb that follows. Are these degrees or millimetres?"))
-    old = dict(_old_keys(devices, laws, world))
+    units += _of_ages(profile)
+    old = dict(_old_keys(devices, [law.controller for law in laws], world))
     intended = {each: _by_new_name(each, old) for each in profile.meant}
     idle = [each for each, new in intended.items() if not any(_within(place, (new,)) for place, _ in units)]
     units = [(place, text) for place, text in units if not _within(place, tuple(intended.values()))]
@@ -108,7 +111,10 @@ def warnings(
     for name, other in shared([device for device in devices if device.name not in simulated]):
         found.append((f"devices.{name}.port", f"{other} is at this port, too, and only one can have it open"))
     found += [(f"sim.{key}", text) for key, text in (world.warnings if world is not None else ())]
-    found += [(place, f"it is now called '{new}'; the old name still works") for place, new in old.items()]
+    found += [
+        (place, f"it is now called '{new}'; the old name still works (`srl migrate` writes the new one)")
+        for place, new in old.items()
+    ]
     found += _of_worn(profile, laws)
     for i, law in enumerate(laws):
         found += [(f"controllers.{i}.{key}", text) for key, text in law.controller.warnings(1.0 / float(profile.rate))]
@@ -121,15 +127,31 @@ def warnings(
     return [f"{source.place(place)}: {text}" for place, text in found]
 
 
+def _of_ages(profile: Profile) -> Iterator[tuple[str, str]]:
+    """Ages in milliseconds: the loss of a device, or of a client, would stop nothing."""
+    ages = [(f"{group}.{name}.max_age", entry.max_age)
+            for group in ("devices", "setpoints") for name, entry in getattr(profile, group).items()]  # fmt: skip
+    for place, age in ages:
+        if age is not None and age > OLD:
+            meant = f"Are these milliseconds? {age:g} ms are {age / 1000:g} s"
+            yield place, f"a sample that is {age:g} s old says nothing about now. {meant}"
+
+
 def _within(place: str, meant: tuple[str, ...]) -> bool:
     """Whether a place is one of these, or an element of one of them."""
     return any(each in (place, place.rpartition(".")[0]) for each in meant)
 
 
-def _old_keys(devices: list[Driver], laws: list[Law], world: World | None) -> Iterator[tuple[str, str]]:
-    """The place of each key by an old name, and the new name."""
-    for i, law in enumerate(laws):
-        yield from old_keys(law.controller.config, f"controllers.{i}")
+def old_names(graph: Graph) -> dict[str, str]:
+    """The new name by the place of each key by an old name."""
+    return dict(_old_keys(graph.devices, graph.controllers, graph.world))
+
+
+def _old_keys(
+    devices: Sequence[Driver], controllers: Sequence[Controller], world: World | None
+) -> Iterator[tuple[str, str]]:
+    for i, controller in enumerate(controllers):
+        yield from old_keys(controller.config, f"controllers.{i}")
     for device in devices:
         yield from old_keys(device.config, f"devices.{device.name}")
     if world is not None:

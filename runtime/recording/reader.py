@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from srl.runtime.contracts.errors import RecordingError
+from srl.runtime.contracts.errors import RecordingError, nearest
 from srl.runtime.contracts.field import Field
 from srl.runtime.ipc.events import Event, EventReader
 from srl.runtime.ipc.header import LINK_CONNECTED
@@ -16,6 +18,8 @@ from srl.runtime.ipc.layout import Layout, Words
 from srl.runtime.ipc.ring import RingReader
 from srl.runtime.recording.segments import folder_of, listed
 from srl.runtime.recording.source import Source, gaps
+
+NO_ROWS: Final = "Its run ended before the first row was written, or a copy of it was cut off there"
 
 
 @dataclass
@@ -43,7 +47,19 @@ class Recording:
 
     def int(self, name: str) -> Words:
         """The word `name` of every row, (k,)."""
-        return self.layout.header(self.rows, name)
+        return self.layout.header(self.rows, self._known(name, self.layout.int_names))
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """s from the first row, of every row, (k,)."""
+        now = self.int("now")
+        return (now - now[0]) * 1e-9
+
+    def _known(self, name: str, names: Collection[str]) -> str:
+        """Raises RecordingError: it isn't among the names."""
+        if name not in names:
+            raise RecordingError(str(self.path), f"it has no '{name}'", nearest(name, names))
+        return name
 
     def states(self, device: str) -> list[Field]:
         """The signals that a device gave; none for a device that doesn't exist or gives none."""
@@ -56,7 +72,7 @@ class Recording:
 
     def value(self, name: str) -> NDArray[np.float64]:
         """The signal `name` of every row, (k, ...): a signal of shape (3,) gives (k, 3)."""
-        return self.layout.value(self.rows, name)
+        return self.layout.value(self.rows, self._known(name, self.layout.fields))
 
 
 def read(path: Path | str) -> Recording:
@@ -78,7 +94,7 @@ def read(path: Path | str) -> Recording:
     else:
         raise RecordingError(str(path), "there is no such file or folder", "Check the path")
     if not len(recording.rows):
-        raise RecordingError(str(path), "the recording has no rows", "The run ended before its first cycle")
+        raise RecordingError(str(path), "no row of the recording is whole", NO_ROWS)
     return recording
 
 
@@ -103,7 +119,7 @@ def _files(path: Path, files: list[Path]) -> Recording:
     source = Source(files)
     blocks = list(source.blocks())
     if source.layout is None:
-        raise RecordingError(str(path), "the recording is empty", "It was cut before its first row")
+        raise RecordingError(str(path), "the recording is empty", NO_ROWS)
     sequence = np.concatenate([s for s, _ in blocks]) if blocks else np.empty(0, np.int64)
     rows = np.concatenate([r for _, r in blocks]) if blocks else np.empty((0, source.layout.width), np.int64)
     events = [event for _, event in sorted(source.events.items(), key=lambda item: item[0])]

@@ -20,7 +20,7 @@ from srl.runtime.contracts.errors import RecordingError, SrlError
 from srl.runtime.contracts.files import decoded
 from srl.runtime.ipc.header import Cause, State
 from srl.runtime.ipc.layout import Layout, Words
-from srl.runtime.recording.reader import read
+from srl.runtime.recording.reader import NO_ROWS, read
 from srl.runtime.recording.segments import folder_of, listed
 from srl.runtime.recording.source import Source
 
@@ -152,10 +152,7 @@ def _summary(path: Path) -> Summary:
         if not problem and source.cut:
             problem = "it is cut short, and no row of it is whole"
         elif not problem:
-            problem, remedy = (
-                "it has no rows",
-                "The run ended before its first row was written; nothing is lost with it",
-            )
+            problem, remedy = "it has no rows", NO_ROWS
         name = "" if source.layout is None else str(source.layout.meta.get("name", ""))
         return Summary(name, () if source.layout is None else persons(source.layout), problem=problem, remedy=remedy)
     if problem:

@@ -107,7 +107,9 @@ def test_an_answer_that_cannot_arrive_is_found_in_the_rows(loop: tuple[RunFolder
         assert (None if found is None else found["ok"]) is answer
         if found is not None:
             assert (found["state"], found["latches"]) == ("stopped", ["person"])
-            assert found.get("error") == (None if answer else "not possible in this state")
+            assert found.get("error") == (
+                None if answer else "not possible while stopped; `srl reset` lets it move again"
+            )
 
 
 def test_who_doesnt_wait_doesnt_look(loop: tuple[RunFolder, socket.socket], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,6 +47,7 @@ def test_shipped_profiles_raise_no_doubts(name: str) -> None:
         ("guard.arm.torque_command.velocity=240", "guard.arm.torque_command.velocity", "240 rad/s is faster"),
         ("models.finger={kind: finger, rows: [[90,0],[0,0.04],[0,0.04],[0,0.04]]}", "models.finger.rows.0.0", "turns"),
         ("models.finger={kind: finger, rows: [[1.57,0],[0,42],[0,0.04],[0,0.04]]}", "models.finger.rows.1.1", "a limb"),
+        ("devices.arm.max_age=20", "devices.arm.max_age", "20 s old says nothing about now. Are these milliseconds?"),
         ("frames.handle.quaternion=[1,0,1,0]", "frames.handle.quaternion", "its length is 1.41, not 1"),
     ],
 )
@@ -54,6 +55,14 @@ def test_another_unit_is_doubted_at_its_place(change: str, place: str, text: str
     (warning,) = wiring.build(*profile.load("moca-man", [change]), []).warnings
     assert place in warning
     assert text in warning
+
+
+@pytest.mark.parametrize("place", ["devices.finger.max_age", "setpoints.client.position.max_age"])
+def test_an_age_in_milliseconds_would_disarm_a_loss(place: str) -> None:
+    with pytest.raises(WiringError, match="Are these milliseconds"):
+        wiring.build(*profile.load("servo-jog", [f"{place}=500"]))
+    wiring.build(*profile.load("servo-jog", [f"{place}=5"]))
+    wiring.build(*profile.load("servo-jog", [f"{place}=500", f"meant=[{place}]"]))
 
 
 def test_angles_of_servos_and_limits_are_doubted_too() -> None:
