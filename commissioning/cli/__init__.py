@@ -11,6 +11,7 @@ COMMANDS: Final = {
     "calibrate": "makes the calibration file of a person or a device",
     "jog": "moves one joint of a device while a key is held",
     "migrate": "writes the new names of options into a profile of an older version",
+    "setup-servos": "gives servos from their box the ids, baud rate and directions of a profile, one after another",
     "find-port": "lists the serial ports, what each may be, and whether you may open it",
 }
 """What each does, in one line."""

@@ -13,6 +13,7 @@ from typing import Final
 from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import WATCHDOG, Family, Family2, family
 from srl.drivers.dynamixel.faults import DynamixelFaults
+from srl.drivers.dynamixel.new_servo import NewDynamixel
 from srl.drivers.dynamixel.recovery import Recovery
 from srl.drivers.dynamixel.session import Session, who
 from srl.drivers.dynamixel.setup import Bus, set_up, watchdog_code
@@ -106,6 +107,11 @@ class Dynamixel(ServoBus):
             + self._zero
             + (self._units.frame("bus_watchdog", 0) if self._units.protocol == 2 else b"")
         )
+
+    @classmethod
+    def new_servo(cls, config: DynamixelConfig, place: str) -> NewDynamixel:
+        """What sets up servos as they come from their box; for `srl setup-servos`."""
+        return NewDynamixel(config, place)
 
     @classmethod
     def who_is_at(cls, port: str) -> str:

@@ -14,6 +14,7 @@ from srl.drivers.feetech import protocol
 from srl.drivers.feetech.config import FeetechConfig
 from srl.drivers.feetech.faults import FeetechFaults, Watch
 from srl.drivers.feetech.goals import StoredGoals
+from srl.drivers.feetech.new_servo import NewFeetech
 from srl.drivers.feetech.opening import Bus, set_up, settings, who
 from srl.drivers.feetech.table import TABLE
 from srl.drivers.feetech.units import FeetechUnits
@@ -76,6 +77,11 @@ class Feetech(ServoBus):
         self._release()
         if self._send_stop():
             self._stop_packet = b""
+
+    @classmethod
+    def new_servo(cls, config: FeetechConfig, place: str) -> NewFeetech:
+        """What sets up servos as they come from their box; for `srl setup-servos`."""
+        return NewFeetech(config, place)
 
     @classmethod
     def who_is_at(cls, port: str) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import termios
+import fcntl
+import sys
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -12,11 +13,8 @@ from srl.sim.devices.shared.serial import SerialTwin
 from srl.sim.devices.shared.servo_fake import FakeServos
 
 _RATES_AGREE: Final = 0.02  # share by which the two ends of a line may differ
-_SPEEDS: Final = {
-    getattr(termios, f"B{rate}"): rate
-    for rate in (9600, 19200, 38400, 57600, 115200, 230400, 500000, 1000000, 2000000, 2500000, 3000000, 4000000)
-    if hasattr(termios, f"B{rate}")
-}
+_TCGETS2: Final = 0x802C542A  # of Linux: termios with the rates as numbers, also those that have no name
+_OSPEED: Final = slice(40, 44)
 
 
 class ServoLine(SerialTwin):
@@ -27,6 +25,7 @@ class ServoLine(SerialTwin):
 
     Attributes:
         absent: ids of servos that are unplugged.
+        plugged: numbers of the servos, in the profile's order, that are on the line; None: all.
         twice: ids shared by two servos, whose answers arrive garbled.
         corrupt: number of following status packets that are damaged in transit.
         echo: the adapter returns the host's own bytes.
@@ -41,6 +40,7 @@ class ServoLine(SerialTwin):
         super().__init__(fake)
         self.bus = fake
         self.absent: set[int] = set()
+        self.plugged: set[int] | None = None
         self.twice: set[int] = set()
         self.corrupt = 0
         self.echo = False
@@ -129,16 +129,20 @@ class ServoLine(SerialTwin):
     def _client_rate(self) -> int | None:
         """The baud rate (bit/s) that the client has set on its end of the pty; None if it is unknown."""
         try:
-            return _SPEEDS.get(termios.tcgetattr(getattr(self.door, "_fd", -1))[5])
-        except (termios.error, ValueError):  # a socket, or closed
+            found = fcntl.ioctl(getattr(self.door, "_fd", -1), _TCGETS2, bytes(44))
+        except (OSError, ValueError):  # a socket, or closed
             return None
+        return int.from_bytes(found[_OSPEED], sys.byteorder) or None
 
     def _awake(self) -> list[Any]:
         return [
             servo
             for k, servo in enumerate(self._stations)
-            if not self._restarting[k] and servo.get("id") not in self.absent and self._understands(servo)
+            if not self._restarting[k] and self._on_line(k, servo) and self._understands(servo)
         ]
+
+    def _on_line(self, k: int, servo: Any) -> bool:
+        return servo.get("id") not in self.absent and (self.plugged is None or k in self.plugged)
 
     def _understands(self, servo: Any) -> bool:
         """Whether a servo's baud rate is that of the client; unknown rates are right."""
