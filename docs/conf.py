@@ -6,9 +6,12 @@ neither to build the site nor to read it.
 
 from __future__ import annotations
 
+import html
 import shutil
 from pathlib import Path
+from typing import Any
 
+from docutils import nodes
 from sphinx.application import Sphinx
 
 # Sphinx imports what it hasn't yet as a type checker would, and pydantic can't work with names that exist only there.
@@ -89,7 +92,22 @@ def add_front_page(app: Sphinx, error: Exception | None) -> None:
         shutil.copy(app.outdir / "README.html", app.outdir / "index.html")
 
 
+def mend_page(
+    _app: Sphinx, _name: str, _template: str, context: dict[str, Any], doctree: nodes.document | None
+) -> None:
+    """What the theme leaves out: levels of headings, what scrolls reached by keys, a description, an icon."""
+    if tree := context.get("furo_navigation_tree"):
+        context["furo_navigation_tree"] = tree.replace('role="heading"', 'role="heading" aria-level="2"')
+    if body := context.get("body"):
+        body = body.replace("<pre>", '<pre tabindex="0">')
+        context["body"] = body.replace('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper')
+    first = next(iter(doctree.findall(nodes.paragraph)), None) if doctree is not None else None
+    about = f'<meta name="description" content="{html.escape(first.astext()[:300])}">' if first is not None else ""
+    context["metatags"] = f'{context.get("metatags", "")}{about}<link rel="icon" href="data:,">'
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    app.connect("html-page-context", mend_page, priority=900)
     app.connect("source-read", add_contents)
     app.connect("build-finished", add_front_page)

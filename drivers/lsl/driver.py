@@ -13,6 +13,7 @@ from srl.drivers.lsl import wire
 from srl.drivers.lsl.config import LslConfig
 from srl.drivers.lsl.match import match
 from srl.drivers.lsl.rows import Rows
+from srl.drivers.rate import Rate
 from srl.drivers.timeout import remaining
 from srl.runtime.contracts.driver import Sensor
 
@@ -21,30 +22,7 @@ FIRST: Final = 3.0  # s for a regular stream's first sample
 MOST: Final = 64  # messages in one read
 CLOCK: Final = 5.0  # s; stamps that are further away aren't of LSL's clock
 AHEAD: Final = 100_000_000  # ns by which a stamp may be later than its arrival, by an error of the clocks' offset
-WINDOW: Final = 2_000_000_000  # ns over which the rate is counted
-SLOW: Final = 0.8  # of the rate; what is beyond these two isn't drift
-FAST: Final = 1.25
 _SENDER: Final = "Look at the sender, its sensors and its network"
-
-
-class Rate:
-    """Whether a regular stream brings as many samples as it says."""
-
-    def __init__(self, rate: float) -> None:
-        """`rate`: Hz."""
-        self._rate = rate
-        self._since: tuple[int, int] | None = None
-
-    def wrong(self, number: int, arrived: int) -> float | None:
-        """Takes the newest sample's number and arrival (ns). Returns the rate found (Hz) where it is another."""
-        if self._since is None:
-            self._since = number, arrived
-        started, since = self._since
-        if arrived - since < WINDOW:
-            return None
-        self._since = number, arrived
-        found = (number - started) / (arrived - since) * 1e9
-        return None if SLOW * self._rate <= found <= FAST * self._rate else found
 
 
 class Lsl(Addressed, Sensor):

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from srl.control.emg.blocks import Stream
 from srl.control.emg.processing import Filters
 from srl.drivers.lsl import Lsl, LslConfig, wire
-from srl.drivers.lsl.driver import WINDOW, Rate
 from srl.drivers.lsl.match import match
 from srl.drivers.lsl.units import factor
+from srl.drivers.rate import WINDOW, Rate
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 
 SIGNALS: dict[str, Any] = {

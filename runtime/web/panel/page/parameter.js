@@ -19,7 +19,7 @@ export class Parameter {
     this.doubt = null; // what would be a large jump
     this.has = null;
     this.row = made("div", "parameter");
-    const head = made("div", "head"), keys = made("div", "row"), id = `parameter ${name}`;
+    const head = made("div", "head"), keys = made("div", "row"), id = `parameter_${name}`;
     [this.value, this.asked, this.input, this.bar, this.sure] = [made("output"), made("span", "asked"), made("input"), made("i", "between"), made("div", "sure")];
     const label = made("label", "", name);
     Object.assign(this.input, { type: "text", inputMode: "decimal", autocomplete: "off", id });
@@ -35,7 +35,7 @@ export class Parameter {
     this.row.addEventListener("focusout", (event) => { if (!this.row.contains(event.relatedTarget)) this.forget(); });
     const ends = this.bounded ? `${measure(lower, "", 9)} to ${measure(upper, given.unit, 9)}` : "";
     const about = made("span", "quiet", [ends, given.text, `${this.words(given.default)} at first`].filter(Boolean).join(" · "));
-    about.id = `${id} about`;
+    about.id = `${id}_about`;
     this.input.setAttribute("aria-describedby", about.id);
     this.yes = button("Change it", () => {
       const wanted = this.doubt;

@@ -1,0 +1,1 @@
+"""Devices that send plain numbers, as the profile describes them."""

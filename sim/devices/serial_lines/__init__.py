@@ -1,0 +1,1 @@
+"""A simulated board that sends numbers over a serial line."""

@@ -1,0 +1,1 @@
+"""A simulated program that sends numbers by UDP."""
