@@ -36,6 +36,7 @@ class CalibrationRequest:
         simulated: the devices that `--sim` names; none where it names none.
         twins: the devices that are on their twins.
         instruct: tells the simulated person beside them what to do.
+        check_twins: raises HostError once they have ended.
     """
 
     profile: str
@@ -47,6 +48,7 @@ class CalibrationRequest:
     simulated: Sequence[str] = ()
     twins: frozenset[str] = frozenset()
     instruct: Callable[[Instruction], None] | None = None
+    check_twins: Callable[[], None] = lambda: None
     record: Path | None = None
     view: bool = False
     recording: Sequence[Path] | None = None

@@ -40,6 +40,7 @@ from srl.runtime.service.end_signals import EndSignals
 
 _USABLE: Final = "Its recording can be used: --recording"
 _GROUP: Final = "calibrations"
+_MIXED: Final = "Don't mix a person and the simulated wearer in one file"
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Result[Any] | SrlError
 
@@ -95,8 +96,9 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
     if request.person is None and kind.personal:
         raise RequestError("--person", "it isn't said whose calibration it is", "Give an anonymous id: --person P07")
     before: list[MarkedSamples] = []
+    earlier: RunChannels | None = None
     if request.redo:
-        _, before, _ = _recorded(method, request.before or ())
+        earlier, before, _ = _recorded(method, request.before or ())
     elif request.before:
         raise RequestError("--from", "it goes with --redo", f"Say which {method.thing}: --redo 3")
     made, text = method.subset(request.person or "")
@@ -108,10 +110,11 @@ def run(request: CalibrationRequest, screen: Screen) -> int:
     if request.sim:
         simulated = method.simulated(made, text)
         try:
+            _check_alike(simulated, earlier)
             return _guided(method, simulated, procedure, before, screen)
         finally:
             simulated.close()
-    return _live(method, text, request.instance or checked.name, procedure, before, screen)
+    return _live(method, text, request.instance or checked.name, procedure, before, earlier, screen)
 
 
 def _method(request: CalibrationRequest, kind: type[Method[Any, Any]], say: Callable[[str], None]) -> Method[Any, Any]:
@@ -145,9 +148,16 @@ def _check_simulated(request: CalibrationRequest, checked: profile.Profile, made
         raise RequestError("--sim", problem, f"Name it, too ({' '.join(made.devices)}), or no device at all")
 
 
+def _check_alike(source: RowSource, earlier: RunChannels | None) -> None:
+    """Raises RequestError: what is done now is simulated, and the recording before isn't, or the other way round."""
+    if earlier is not None and earlier.simulated != source.channel_map.simulated:
+        raise RequestError("--from", _mixed(earlier.simulated), _MIXED)
+
+
 def _live(
-    method: Method[Any, Any], text: Source, name: str, procedure: Procedure, before: list[MarkedSamples], screen: Screen
-) -> int:
+    method: Method[Any, Any], text: Source, name: str, procedure: Procedure, before: list[MarkedSamples],
+    earlier: RunChannels | None, screen: Screen,
+) -> int:  # fmt: skip
     """Runs the cut profile, and ends it in any case; Ctrl-C ends it, too."""
     request, target = method.request, method.target
     if not re.match(profile.SLUG, name):
@@ -157,12 +167,18 @@ def _live(
     _check_room(target.parent, record.parent)
     with EndSignals() as signals:
         asked: list[bool] = []
+
+        def stop() -> bool:
+            request.check_twins()
+            return bool(asked)
+
         signals.pass_to(lambda: asked.append(True))
         source = method.live(text, name, record, screen)
         try:
+            _check_alike(source, earlier)
             shown = source.screen or screen
             shown.begin(source.folder)
-            code = _guided(method, source, procedure, before, shown, lambda: bool(asked))
+            code = _guided(method, source, procedure, before, shown, stop)
         except QuitError:
             if asked or source.interrupted:
                 return 130  # by Ctrl-C, as a shell says it
@@ -333,11 +349,14 @@ def _check_origin(
             problem = f"it was made with another body '{name}': {_differs(was, now)} in the profile"
             raise RequestError(str(path), problem, "Calibrate from the beginning, or set the body as it was")
     others = channel_map.simulated if before is None else before.simulated
-    if channel_map.simulated != (request.sim or bool(request.twins) if request.redo else others):
-        problem = (
-            "it is simulated, the rest isn't" if channel_map.simulated else "it is of a person, the rest is simulated"
-        )
-        raise RequestError(str(path), problem, "Don't mix a person and the simulated wearer in one file")
+    if request.redo and not request.twins:  # beside twins the run says itself what is simulated (`_check_alike`)
+        others = request.sim
+    if channel_map.simulated != others:
+        raise RequestError(str(path), _mixed(channel_map.simulated), _MIXED)
+
+
+def _mixed(simulated: bool) -> str:
+    return "it is simulated, the rest isn't" if simulated else "it is of a person, the rest is simulated"
 
 
 def _differs(was: dict[str, Any] | None, now: dict[str, Any] | None) -> str:

@@ -86,7 +86,9 @@ def run(args: argparse.Namespace) -> int:
     cut = session.beside_twins(request)
     with on_twins.twins(args.profile, args.twin, args.set, None, screen.say, cut) as twins:
         instruct = twins.instruct if cut is not None else None
-        request = replace(request, set=twins.overrides, twins=twins.devices, instruct=instruct)
+        request = replace(
+            request, set=twins.overrides, twins=twins.devices, instruct=instruct, check_twins=twins.check
+        )  # fmt: skip
         return session.run(request, screen)
 
 

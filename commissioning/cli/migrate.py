@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +36,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Changes the file, keeps what was there, and says what it did. Returns 0. Errors are raised."""
-    path = Path(args.profile)
+    path = Path(args.profile).resolve()  # a link stays one
     if not path.is_file():
         raise RequestError(args.profile, "there is no such file", "Give your profile's file, such as my-limb.yaml")
-    label, text, folder = profile.find(str(path.absolute()))
+    if not os.access(path, os.W_OK):
+        raise RequestError(args.profile, "it can't be written", "Let its owner do it, or change its rights")
+    label, text, folder = profile.find(str(path))
     found = _old(label, text, folder)
     made, lines = _renamed(text, found)
     if left := _old(label, made, folder):
@@ -45,7 +50,13 @@ def run(args: argparse.Namespace) -> int:
     kept = None
     if found and not args.dry_run:
         kept = older.keep(path)
+        assert kept is not None
+        shutil.copystat(path, kept)
+        rights = path.stat()
         whole_file.write(path, made.encode(), RequestError)
+        path.chmod(rights.st_mode)
+        with suppress(OSError):
+            os.chown(path, rights.st_uid, rights.st_gid)
     changes = [{"line": line, "place": place, "to": found[place]} for line, place in lines]
     if args.json:
         import json
@@ -63,8 +74,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _old(label: str, text: str, folder: Path) -> Names:
     """Of every word of every choice, as the others stand. Raises SrlError: this version can't read the profile."""
-    plain = yaml_text.load(text)
-    choices = plain.get("choices") if isinstance(plain, dict) else None
+    profile.parse(label, text, (), Files(folder))
+    choices = yaml_text.load(text, "rt").get("choices")
     words = [f"{name}={word}" for name, of in (choices or {}).items() for word in of if isinstance(of, dict)]
     found: Names = {}
     for override in ([], *([word] for word in words)):
@@ -78,7 +89,8 @@ def _old(label: str, text: str, folder: Path) -> Names:
 def _renamed(text: str, names: Names) -> tuple[str, list[tuple[int, str]]]:
     """The text with the new names, all else as it was; and the line of each that is renamed."""
     lines, done = text.splitlines(keepends=True), []
-    places = [(*at, place) for place in names if (at := _at(yaml_text.load(text, "rt"), place)) is not None]
+    tree = yaml_text.load(text, "rt")
+    places = [(*at, place) for place in names if (at := _at(tree, place)) is not None]
     for row, column, place in sorted(places, reverse=True):  # from the last on: the columns before stay as they are
         old = place.rpartition(".")[2]
         if (quote := lines[row][column]) in "\"'":
@@ -86,6 +98,8 @@ def _renamed(text: str, names: Names) -> tuple[str, list[tuple[int, str]]]:
         if lines[row].startswith(old, column):
             lines[row] = lines[row][:column] + names[place] + lines[row][column + len(old) :]
             done.append((row + 1, place))
+    if any(each in names for each in tree.get("meant") or ()):
+        raise ProfileError("meant", "it names an option by its old name", "Write the new one there first")
     return "".join(lines), done[::-1]
 
 

@@ -108,7 +108,8 @@ def _renamed(given: Sequence[str]) -> Sequence[str]:
     """The arguments with a command's new name, which is said; the next version knows only that."""
     if not given or given[0] != "show":
         return given
-    part = not {"--all", "--devices", "--wiring", "--frames"}.isdisjoint(given)
+    parts = ("--all", "--devices", "--wiring", "--frames")
+    part = any(part.startswith(word) for word in given if len(word) > 2 for part in parts)
     now = ["check", *given[1:], *([] if part else ["--all"])]
     print(f"srl show is called `srl {' '.join(now)}` now; the next version knows only that", file=sys.stderr)
     return now

@@ -38,7 +38,7 @@ class Twins:
 
     overrides: list[str]
     devices: frozenset[str] = frozenset()
-    _control: IO[str] | None = None
+    _process: subprocess.Popen[str] | None = None
 
     def alone(self, graph: Graph) -> bool:
         """Whether no device of this graph is real: nobody wears what they move."""
@@ -46,11 +46,20 @@ class Twins:
 
     def instruct(self, instruction: Instruction) -> None:
         """Tells the simulated person beside them what to do. Raises HostError: they have ended."""
-        assert self._control is not None
+        assert self._process is not None
         try:
-            print(f"wearer {written(instruction)}", file=self._control, flush=True)
+            print(f"wearer {written(instruction)}", file=self._process.stdin, flush=True)
         except OSError:
-            raise HostError("--twin", "the twins have ended", "Begin again; nothing was written") from None
+            raise _ended() from None
+
+    def check(self) -> None:
+        """Raises HostError: they have ended."""
+        if self._process is not None and self._process.poll() is not None:
+            raise _ended()
+
+
+def _ended() -> HostError:
+    return HostError("--twin", "the twins have ended", "Begin again; nothing was written")
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +121,7 @@ def _served(
         found = json.loads(first)["twins"]
         ports = [f"devices.{device}.port={address}" for device, address in found.items()]
         start = _start(name, given, found) if whole else []  # a part says nothing of a start
-        yield Twins([*start, *given, *ports], frozenset(found), process.stdin)
+        yield Twins([*start, *given, *ports], frozenset(found), process)
     finally:
         process.terminate()
         if process.stdin is not None:

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     assert graph.world is not None
     for line in (*(f"warning: {warning}" for warning in graph.warnings), *graph.remarks):
         print(line, file=sys.stderr)
-    if args.launch is not None and graph.world.wearer is None:
+    if args.launch is not None and not hasattr(graph.world.wearer, "instruct"):
         raise ProfileError(source.place("sim"), _NOBODY, "Calibrate with --sim or a person")
     twins = make_twins(graph, args.devices)
     for name, twin in twins.items():
@@ -110,6 +110,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _before_others() -> None:
     """A twin that is late looks like a device that fails: it goes before what isn't a loop, where that is allowed."""
+    if os.getpriority(os.PRIO_PROCESS, 0) != 0:
+        return  # somebody has chosen
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, _BEFORE_OTHERS)
     with suppress(OSError):  # the kernel shares the processors among sessions first, and this is a session of its own
@@ -267,10 +269,10 @@ class _Control:
     def _instruct(self, text: str) -> None:
         """What the simulated person does from now on, as `contracts.wearer.written` writes it."""
         try:
-            if self._person is None:
+            if self._person is None or not hasattr(self._person, "instruct"):
                 raise ValueError(_NOBODY)
             self._person.instruct(instruction_of(text))
-        except ValueError as error:
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             problem = f"the simulated person can't do it: {error}"
             raise RequestError("--control wearer", problem, "Change what the profile simulates") from None
 

@@ -87,7 +87,7 @@ def warnings(
         for place, value in _numbers(window, f"guard.{name}.following_error.window"):
             if value > FAR:
                 units.append((place, f"{value:g} rad or m is no limb that follows. Are these degrees or millimetres?"))
-    units += _of_ages(profile)
+    units += _of_ages(profile, devices, laws)
     old = dict(_old_keys(devices, [law.controller for law in laws], world))
     intended = {each: _by_new_name(each, old) for each in profile.meant}
     idle = [each for each, new in intended.items() if not any(_within(place, (new,)) for place, _ in units)]
@@ -127,14 +127,21 @@ def warnings(
     return [f"{source.place(place)}: {text}" for place, text in found]
 
 
-def _of_ages(profile: Profile) -> Iterator[tuple[str, str]]:
-    """Ages in milliseconds: the loss of a device, or of a client, would stop nothing."""
-    ages = [(f"{group}.{name}.max_age", entry.max_age)
-            for group in ("devices", "setpoints") for name, entry in getattr(profile, group).items()]  # fmt: skip
+def _of_ages(profile: Profile, devices: Sequence[Driver], laws: Sequence[Law]) -> Iterator[tuple[str, str]]:
+    """Times in milliseconds: the loss of a device, of a client, or of a limb that is blocked, would stop nothing."""
+    ages: list[tuple[str, float | None]] = [(f"devices.{device.name}.max_age", device.max_age) for device in devices]
+    ages += [(f"setpoints.{name}.max_age", entry.max_age) for name, entry in profile.setpoints.items()]
+    ages += [
+        (f"guard.{name}.following_error.timeout", getattr(limits.following_error, "timeout", None))
+        for name, limits in profile.guard.items()
+    ]
+    ages += [
+        (f"controllers.{i}.max_hold", getattr(law.controller.config, "max_hold", None)) for i, law in enumerate(laws)
+    ]
     for place, age in ages:
-        if age is not None and age > OLD:
+        if age is not None and OLD < age < inf:
             meant = f"Are these milliseconds? {age:g} ms are {age / 1000:g} s"
-            yield place, f"a sample that is {age:g} s old says nothing about now. {meant}"
+            yield place, f"what is {age:g} s old says nothing about now. {meant}"
 
 
 def _within(place: str, meant: tuple[str, ...]) -> bool:

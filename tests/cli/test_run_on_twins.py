@@ -9,27 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.run import Running, alive, call, refused
-from helpers.srl_twin import TwinProcess
+from helpers.srl_twin import TwinProcess, twins_of
 from helpers.wait import until
 
 from srl.recordings import read
 from srl.runtime.cli import on_twins
 from srl.runtime.ipc.header import State
 from srl.runtime.profile import profile, wiring
-
-
-def twins_of(pid: int) -> list[int]:
-    """Processes below this one that serve twins."""
-    below: dict[int, list[int]] = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            words = (folder / "cmdline").read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if b"twin" in words:
-            below.setdefault(parent, []).append(int(folder.name))
-    return below.get(pid, [])
 
 
 @pytest.mark.parametrize(

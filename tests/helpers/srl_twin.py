@@ -6,6 +6,7 @@ import json
 import select
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any, Self
 
 from helpers import ROOT
@@ -56,3 +57,17 @@ class TwinProcess:
         if self.process.returncode == 0:
             last = json.loads(out.splitlines()[-1])
             self.metrics, self.late = last["metrics"], last["late"]["most"]
+
+
+def twins_of(pid: int) -> list[int]:
+    """Processes below this one that serve twins."""
+    below: dict[int, list[int]] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            words = (folder / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"twin" in words:
+            below.setdefault(parent, []).append(int(folder.name))
+    return below.get(pid, [])

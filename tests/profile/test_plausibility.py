@@ -10,6 +10,7 @@ from helpers import ROOT
 from helpers.run import call
 
 from srl.control.ikns import record
+from srl.drivers.dynamixel import Dynamixel
 from srl.runtime.cli import main
 from srl.runtime.contracts.errors import ProfileError, WiringError
 from srl.runtime.models import models
@@ -47,7 +48,7 @@ def test_shipped_profiles_raise_no_doubts(name: str) -> None:
         ("guard.arm.torque_command.velocity=240", "guard.arm.torque_command.velocity", "240 rad/s is faster"),
         ("models.finger={kind: finger, rows: [[90,0],[0,0.04],[0,0.04],[0,0.04]]}", "models.finger.rows.0.0", "turns"),
         ("models.finger={kind: finger, rows: [[1.57,0],[0,42],[0,0.04],[0,0.04]]}", "models.finger.rows.1.1", "a limb"),
-        ("devices.arm.max_age=20", "devices.arm.max_age", "20 s old says nothing about now. Are these milliseconds?"),
+        ("devices.arm.max_age=20", "devices.arm.max_age", "what is 20 s old says nothing about now. Are these m"),
         ("frames.handle.quaternion=[1,0,1,0]", "frames.handle.quaternion", "its length is 1.41, not 1"),
     ],
 )
@@ -57,12 +58,25 @@ def test_another_unit_is_doubted_at_its_place(change: str, place: str, text: str
     assert text in warning
 
 
-@pytest.mark.parametrize("place", ["devices.finger.max_age", "setpoints.client.position.max_age"])
-def test_an_age_in_milliseconds_would_disarm_a_loss(place: str) -> None:
+@pytest.mark.parametrize(
+    "place",
+    ["devices.finger.max_age", "setpoints.client.position.max_age",
+     "guard.finger.position_command.following_error.timeout"],
+)  # fmt: skip
+def test_a_time_in_milliseconds_would_disarm_a_stop(place: str) -> None:
+    window = "guard.finger.position_command.following_error.window=0.2"
     with pytest.raises(WiringError, match="Are these milliseconds"):
-        wiring.build(*profile.load("servo-jog", [f"{place}=500"]))
-    wiring.build(*profile.load("servo-jog", [f"{place}=5"]))
-    wiring.build(*profile.load("servo-jog", [f"{place}=500", f"meant=[{place}]"]))
+        wiring.build(*profile.load("servo-jog", [window, f"{place}=50"]))
+    wiring.build(*profile.load("servo-jog", [window, f"{place}=5"]))
+    wiring.build(*profile.load("servo-jog", [window, f"{place}=50", f"meant=[{place}]"]))
+
+
+def test_a_drivers_own_age_and_a_laws_hold_are_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(WiringError, match=r"controllers.1.max_hold: what is 500 s old"):
+        wiring.build(*profile.load("third-thumb", ["controllers.1.max_hold=500"]))
+    monkeypatch.setattr(Dynamixel, "max_age", 100.0)
+    with pytest.raises(WiringError, match=r"devices.finger.max_age: what is 100 s old"):
+        wiring.build(*profile.load("servo-jog"))
 
 
 def test_angles_of_servos_and_limits_are_doubted_too() -> None:

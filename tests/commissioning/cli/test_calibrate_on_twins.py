@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
 from pathlib import Path
-from typing import get_args
+from types import SimpleNamespace
+from typing import Any, cast, get_args
 
 import pytest
-from helpers.run import call, refused
+from helpers.run import call, environment, refused, srl
+from helpers.srl_twin import TwinProcess, twins_of
+from helpers.wait import until
 from hypothesis import given
 from hypothesis import strategies as st
 
+from srl.commissioning.calibration import session
 from srl.recordings import read
+from srl.runtime.contracts.errors import RequestError
 from srl.runtime.contracts.wearer import Follow, Hold, Instruction, Perform, Rest, Shape, instruction_of, written
 from srl.runtime.ipc.run_folder import running
 from srl.runtime.recording.summary import summarize
@@ -92,3 +100,37 @@ def test_a_world_whose_person_takes_no_instructions_is_refused_before_it_begins(
     )
     assert "no person who can be told" in done.stderr
     assert not (tmp_path / "p.json").exists()
+
+
+@pytest.mark.slow
+def test_twins_that_die_end_the_session(tmp_path: Path) -> None:
+    command = srl("calibrate", "sixth-finger", "glove", "--person", "P07", "--twin", "-o", "p07.json")
+    run = subprocess.Popen(command, cwd=tmp_path, env=environment(tmp_path), stderr=subprocess.PIPE, text=True)
+    try:
+        found = until(lambda: twins_of(run.pid), timeout=60)
+        until(lambda: bool(list(tmp_path.glob("run/*/rows*"))), timeout=60)
+        os.kill(found[0], signal.SIGKILL)
+        _, said = run.communicate(timeout=60)
+    finally:
+        run.kill()
+    assert run.returncode == 2, said
+    assert "the twins have ended. Begin again; nothing was written" in said
+
+
+@pytest.mark.slow
+def test_no_line_ends_the_twins() -> None:
+    with TwinProcess("sixth-finger", "glove", "--control") as twin:
+        for line in ("wearer {}", "wearer " + "[" * 100_000, 'wearer {"Shape": {"angles": 3}}', 'wearer {"Rest": {}}'):
+            assert twin.process.stdin is not None
+            twin.process.stdin.write(f"{line}\n")
+        assert twin.control("close glove")["control"] == "close"
+
+
+@pytest.mark.parametrize(("earlier", "now"), [(True, False), (False, True)])
+def test_what_is_simulated_isnt_mixed_with_what_isnt(earlier: bool, now: bool) -> None:
+    """Of a servo on its port beside a ring on its twin, too: what counts is what the run itself says."""
+    source: Any = SimpleNamespace(channel_map=SimpleNamespace(simulated=now))
+    with pytest.raises(RequestError, match="Don't mix a person"):
+        session._check_alike(source, cast(Any, SimpleNamespace(simulated=earlier)))
+    session._check_alike(source, cast(Any, SimpleNamespace(simulated=now)))
+    session._check_alike(source, None)

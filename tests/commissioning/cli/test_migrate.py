@@ -87,3 +87,29 @@ def test_what_cant_be_read_stays_as_it_is(old: Path) -> None:
     assert "no controllers 'retreat'" in refused("migrate", str(old)) or "retreat" in refused("migrate", str(old))
     assert old.read_text() == broken
     assert "no such file" in refused("migrate", "sixth-finger")
+
+
+def test_a_link_and_the_files_rights_stay(old: Path) -> None:
+    old.chmod(0o640)
+    link = old.with_name("link.yaml")
+    link.symlink_to(old)
+    assert main(["migrate", str(link)]) == 0
+    assert link.is_symlink()
+    assert old.read_text() == text("max_following_error", "instructed")
+    assert old.stat().st_mode & 0o777 == Path(f"{old}.old").stat().st_mode & 0o777 == 0o640
+
+
+def test_what_is_meant_by_its_old_name_is_said(old: Path) -> None:
+    old.write_text("meant: [controllers.1.leash]\n" + old.read_text())
+    before = old.read_text()
+    assert "meant: it names an option by its old name" in refused("migrate", str(old))
+    assert old.read_text() == before
+
+
+@pytest.mark.parametrize(
+    "broken", ["name: [", "choices: [a]\n", "a: 1\na: 2\n", "a:\n\t- b\n", "", "[]", "name: x\u2028y"]
+)
+def test_text_that_is_no_profile_is_named(old: Path, broken: str) -> None:
+    old.write_text(broken)
+    assert "mine.yaml" in refused("migrate", str(old))
+    assert old.read_text() == broken

@@ -86,12 +86,12 @@ function frame() {
   const isNow = (thing) => current && (laws || !thing.law);
   const asItWas = scene && current && !laws && scene.things.some((thing) => thing.law) ? ". Grey: as it was then" : "";
   if (scene && newest) {
+    if (space?.hurry?.(performance.now())) drawn = {};
     const view = [kind, laws, ...eye.view(), matchMedia("(prefers-color-scheme: light)").matches].join();
     if (space && (newest !== drawn.row || view !== drawn.view)) {
       drawn = { row: newest, view };
       space.draw(scene, newest, isNow);
     }
-    space?.hurry?.(performance.now());
     curves.draw(current ? Math.max(now, newest.t) : newest.t);
     text(part.state, newest.state);
     part.state.className = current ? newest.state : ""; // a state that may be over has no colour

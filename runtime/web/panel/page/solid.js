@@ -74,11 +74,11 @@ export class Solid {
     this.width = 0; // sized anew
   }
 
-  // Draws fewer pixels where the browser's frames come too slowly, as long as that helps.
+  // Returns whether the picture must be drawn anew. Draws fewer pixels where the browser's frames come too slowly, as long as that helps.
   hurry(now) {
     if (document.hidden) this.times = [];
     this.times.push(now);
-    if (this.times.length <= LOOK || this.settled) return;
+    if (this.times.length <= LOOK || this.settled) return false;
     const every = (now - this.times[0]) / LOOK;
     this.times = [];
     if (this.before && every > HELPS * this.before) { // others keep the processors busy
@@ -87,8 +87,9 @@ export class Solid {
     } else if (every > SLOW && this.step < STEPS.length - 1) {
       this.before = every;
       this.step++;
-    } else return;
+    } else return false;
     this.quality();
+    return true;
   }
 
   // given: the scene; values, links, frames: of a frame of the server; live(thing): whether it is of now.
