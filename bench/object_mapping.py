@@ -24,12 +24,12 @@ import numpy as np
 from bench.pairs import Row, measure, there_and_back
 from srl.control.hand.extra_finger import ExtraFinger
 from srl.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
-from srl.control.hand.point_series import PointSeries
 from srl.control.shared.kinematics import Chain
 from srl.runtime.contracts.rotation import euler_angles, homogeneous
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.human_hand import hand_geometry
 from srl.runtime.models.models import FingerModel
+from srl.runtime.models.point_series import PointSeries
 from srl.sim.wearer import ScriptedWearer
 
 FRAMES: Final = 60

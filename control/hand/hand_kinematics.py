@@ -8,13 +8,14 @@ from typing import ClassVar, Final, Literal, cast
 import numpy as np
 from pydantic import Field
 
-from srl.control.hand.point_series import PointSeries
 from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT
 from srl.runtime.models.human_hand import BEYOND, FINGERS, JOINTS, SENSORS
 from srl.runtime.models.models import HandOption, named
+from srl.runtime.models.point_series import PointSeries
 
+POINTS: Final = ("wrist", *(f"{f}_{p}" for f in FINGERS for p in ("base", "middle", "distal", "tip")))
 _DIP: Final = 2.0 / 3.0  # DIP angle divided by PIP angle, for a glove that doesn't measure the DIP
 
 
@@ -50,22 +51,11 @@ class HandKinematics(Controller):
         self._M = glove_matrix(config.sensors)
         self._lower, self._upper = np.ascontiguousarray(config.hand.ranges.T)
         self._cycles = self._beyond = 0
-        links = tuple((0, *range(1 + 4 * i, 5 + 4 * i)) for i in range(5))
-        points = ("wrist", *(f"{f}_{p}" for f in FINGERS for p in ("base", "middle", "distal", "tip")))
         self.inputs = (Signal(name="angles", shape=(config.sensors,), unit="rad", labels=SENSORS[config.sensors]),)
         self.outputs = (
             Signal(name="angles", shape=(20,), unit="rad", labels=JOINTS),
-            Signal(name="tips", shape=(5, 3), unit="m", frame=config.frame, labels=FINGERS, components=(POINT,)),
-            Signal(
-                name="skeleton",
-                shape=(21, 3),
-                unit="m",
-                frame=config.frame,
-                labels=points,
-                components=(POINT,),
-                visual="points",
-                links=links,
-            ),
+            tips_signal(config.frame),
+            points_signal(config.frame),
         )
 
     def reset(self) -> None:
@@ -89,6 +79,20 @@ class HandKinematics(Controller):
     def metrics(self) -> dict[str, object]:
         """Returns beyond_range: the share of cycles with a joint angle more than 2 degrees outside its range."""
         return {"beyond_range": self._beyond / max(self._cycles, 1)}
+
+
+def tips_signal(frame: str) -> Signal:
+    """`tips` (5, 3), m."""
+    return Signal(name="tips", shape=(5, 3), unit="m", frame=frame, labels=FINGERS, components=(POINT,))
+
+
+def points_signal(frame: str) -> Signal:
+    """`skeleton` (21, 3), m: the wrist, then each finger from its root to its tip."""
+    links = tuple((0, *range(1 + 4 * i, 5 + 4 * i)) for i in range(5))
+    return Signal(
+        name="skeleton", shape=(21, 3), unit="m", frame=frame, labels=POINTS, components=(POINT,), visual="points",
+        links=links,
+    )  # fmt: skip
 
 
 def glove_matrix(sensors: int) -> Array:

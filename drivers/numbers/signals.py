@@ -112,7 +112,7 @@ class Numbers:
                 if not entry.lower <= x <= entry.upper:
                     return f"{name}[{label}] {x:g} isn't between {entry.lower:g} and {entry.upper:g}"
         for name, value in found:
-            states[name][:] = value
+            states[name].flat[:] = value
         return ""
 
     def numbers(self, values: Array) -> list[float]:

@@ -12,7 +12,7 @@ from srl.drivers.numbers.signals import Numbers
 from srl.drivers.timeout import remaining
 from srl.drivers.udp_messages.config import UdpMessagesConfig
 from srl.drivers.udp_messages.protocol import of_json, of_osc
-from srl.runtime.contracts.driver import Sensor
+from srl.runtime.contracts.driver import DeviceConfig, Sensor
 
 _LOOK: Final = "Look at the sender's address and port, and at a firewall"
 _BACK: Final = 1000  # samples by which a sequence may go back: more is a sender that began anew
@@ -26,9 +26,9 @@ class UdpMessages(Linked[Datagrams], Sensor):
     sample) don't count.
     """
 
-    Config = UdpMessagesConfig
+    Config: type[DeviceConfig] = UdpMessagesConfig
     summary = "anything that sends numbers by UDP: JSON or OSC (phones, gloves' own streamers, hand tracking)"
-    gives = ("<signal>",)
+    gives: tuple[str, ...] = ("<signal>",)
     max_age = 0.2
     config: UdpMessagesConfig
 

@@ -56,6 +56,7 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
         "tcp://127.0.0.1:9",
     ),
     "gamepad": ({}, {"axes": {"left_x": [[0.0, 0.0], [100.0, 1.0]]}}, CELL, "/dev/input/event-none"),
+    "hand-camera": ({"start": 0.2}, {}, HAND, "udp://127.0.0.1:0"),
     "lsl": (
         {
             "stream": {"source_id": "srl-test"},

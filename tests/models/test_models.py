@@ -10,10 +10,10 @@ from pydantic import ValidationError
 
 from srl.control.hand.hand_kinematics import HandKinematicsConfig
 from srl.control.hand.object_mapping import ObjectMappingConfig
-from srl.control.hand.point_series import PointSeries
 from srl.runtime.cli import main
 from srl.runtime.models.human_hand import MODEL_LENGTH, hand_geometry
 from srl.runtime.models.models import FingerModel, HandModel, context
+from srl.runtime.models.point_series import PointSeries
 from srl.runtime.profile import profile, wiring
 
 

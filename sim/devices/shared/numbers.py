@@ -39,14 +39,15 @@ class FakeNumbers(Sensor, AnyWorldFake):
     def __init__(self, name: str, config: NumbersConfig, world: World, options: FakeNumbersOptions) -> None:
         super().__init__(name, config, world, options)
         self.numbers, self._options, self._signals = Numbers(config), options, config.signals
-        self._latency = round(config.latency * 1e9)
+        self.latency = round(config.latency * 1e9)
         self._rows = {signal: self._find(signal) for signal in options.truth}
         self.sampled(len(self.numbers.places), self._measure, config.rate or options.rate)
 
-    def fill(self, values: Array, number: int) -> None:
-        if problem := self.numbers.take(self.numbers.numbers(values), self.state_arrays):
-            self.health.message = problem
-            self.health.errors += 1
+    def fill(self, values: Array, number: int) -> bool:
+        problem = self.numbers.take(self.numbers.numbers(values), self.state_arrays)
+        self.health.message = problem
+        self.health.errors += bool(problem)
+        return not problem
 
     def _find(self, signal: str) -> list[int]:
         """The rows of a signal of the world's truth, in the order of the elements."""

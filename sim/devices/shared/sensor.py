@@ -40,11 +40,13 @@ class SampledFake(Fake):
     `sample`, so they give the same values. `health.stamp` is the time at which the sample was taken.
 
     Attributes:
+        latency: ns that the driver takes off a sample's time, as its profile says.
         noise_scale: factor of `options.noise` for each value of a sample: a number or (size,); set before `sampled`.
     """
 
     Options = SensorOptions
     noise_scale: float | Array = 1.0
+    latency: int = 0
     needs: ClassVar[type[World]] = Cell
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: SensorOptions) -> None:
@@ -73,8 +75,8 @@ class SampledFake(Fake):
         self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise, self.noise_scale)
 
     @abstractmethod
-    def fill(self, values: Array, number: int) -> None:
-        """Writes sample `number` into the state arrays."""
+    def fill(self, values: Array, number: int) -> bool | None:
+        """Writes sample `number` into the state arrays. Returns False if it is no sample for the driver."""
 
     def quantise(self, values: Array) -> Array:
         """Rounds `values` (size,) to the device's resolution; may change them in place."""
@@ -106,8 +108,9 @@ class SampledFake(Fake):
         # The newest sample that arrived is used; after a pause it may no longer be kept.
         if arrived < 0 or not self.samples.keeps(arrived):
             return
-        self.fill(self.arriving(arrived), arrived)
-        self.health.stamp = now - (self.world.time - self.taken_at(arrived))
+        if self.fill(self.arriving(arrived), arrived) is not False:
+            stamp = now - (self.world.time - self.taken_at(arrived)) - self.latency
+            self.health.stamp = max(stamp, self.health.stamp) if self.latency else stamp
 
     def close(self) -> None:
         self.health.connected = False

@@ -12,7 +12,7 @@ from pydantic import Field
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT, POSE
 from srl.runtime.models.human_hand import FINGERS
-from srl.runtime.models.models import HandOption, named
+from srl.runtime.models.models import HandModel, HandOption, named
 from srl.sim.parts.hand.hand import add_hand
 from srl.sim.wearer import InstructedWearer, Wearer, WearerConfig, make_wearer
 from srl.sim.world.part import Mjcf, Part, PartConfig
@@ -67,6 +67,11 @@ class HumanHandPart(Part):
             tips,
             Signal(name=f"{name}_pose", shape=(7,), unit="m", of=name, labels=POSE),
         )
+
+    @property
+    def model(self) -> HandModel:
+        """The hand's geometry and ranges."""
+        return self._config.model
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         base = f"{self.name}/base"

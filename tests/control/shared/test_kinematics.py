@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from ruamel.yaml import YAML
 
-from srl.control.hand.point_series import PointSeries
 from srl.control.shared.kinematics import Chain
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.human_hand import FINGERS, RANGES, hand_geometry
+from srl.runtime.models.point_series import PointSeries
 
 angle = st.floats(-3.2, 3.2)
 

@@ -9,10 +9,10 @@ from helpers.control import WORN
 from helpers.sim import world
 
 from srl.control.hand.extra_finger import FingerKinematics
-from srl.control.hand.point_series import PointSeries
 from srl.runtime.contracts.rotation import homogeneous
 from srl.runtime.contracts.signals import Array
 from srl.runtime.models.models import FingerModel, HandModel
+from srl.runtime.models.point_series import PointSeries
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph
 from srl.sim.wearer.joints import to_glove

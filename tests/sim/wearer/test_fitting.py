@@ -12,11 +12,11 @@ from helpers.shared import shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from srl.control.hand.point_series import PointSeries
 from srl.runtime.cli import main
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.models.human_hand import JOINTS, RANGES, hand_geometry
 from srl.runtime.models.models import HandModel
+from srl.runtime.models.point_series import PointSeries
 from srl.runtime.profile import profile, wiring
 from srl.sim.wearer import bvh_hand, load_wearer, tables, topics
 from srl.sim.wearer.fitting import Fitted, fit

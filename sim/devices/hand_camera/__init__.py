@@ -1,0 +1,1 @@
+"""A simulated camera that sees a simulated hand."""
