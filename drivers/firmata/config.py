@@ -17,6 +17,7 @@ from srl.runtime.contracts.validation import refusal
 
 MAX_PULSE_US = 2400
 DRIVER = "firmata"
+FIRST_ANALOG = 14  # the pin of A0 on an ATmega328P board
 PINS = range(2, 20)  # of an ATmega328P board; 0 and 1 are the serial line, a Nano's A6 and A7 can only be read
 
 
@@ -140,12 +141,35 @@ class ButtonConfig(BaseModel):
     pull_up: bool = Field(True, description="use the board's pull-up; false where a resistor to 5 V is wired")
 
 
+class AnalogConfig(BaseModel):
+    """One analog input. value = gain * share + offset, where share is 0 at 0 V and 1 at the board's supply."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    pin: int = Field(ge=FIRST_ANALOG, le=21, description="A0 is 14, A5 is 19; a Nano's A6 and A7 are 20 and 21")
+    gain: float = Field(1.0, allow_inf_nan=False, description="in the unit, from 0 V to the supply")
+    offset: float = Field(0.0, allow_inf_nan=False, description="in the unit, at 0 V")
+    lower: float = Field(-1e12, allow_inf_nan=False, description="in the unit; a value below it is no sample")
+    upper: float = Field(1e12, allow_inf_nan=False, description="in the unit; a value above it is no sample")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if not self.lower < self.upper:
+            raise ValueError(f"lower ({self.lower:g}) must be less than upper ({self.upper:g})")
+        if self.gain == 0.0:
+            raise ValueError("gain: 0 would make every reading the same")
+        return self
+
+
 class FirmataConfig(DeviceConfig):
-    """A board with servos, buttons, or both. The arrays have the order of `servos` and `buttons`."""
+    """A board with servos, buttons, analog inputs. The arrays have the order of `servos`, `buttons` and `analog`."""
 
     port: str = Field(description="the board's port, e.g. /dev/ttyACM0")
     servos: dict[str, ServoConfig] = Field(default={}, max_length=MAX_SERVOS, description="joints by name")
     buttons: dict[str, ButtonConfig] = Field(default={}, description="buttons by name")
+    analog: dict[str, AnalogConfig] = Field(default={}, max_length=8, description="analog inputs by name")
+    analog_unit: str = Field("1", min_length=1, description="SI, of the analog inputs; 1: the share of the supply")
+    analog_interval: float = Field(0.01, ge=0.001, le=1.0, description="s between two readings of the analog inputs")
     calibration: ServoFile | None = Field(None, description="file of `srl calibrate PROFILE servos`")
 
     jointed: ClassVar[str] = "servos"  # where the entries of the joints are
@@ -171,11 +195,12 @@ class FirmataConfig(DeviceConfig):
 
     @model_validator(mode="after")
     def _something_on_each_pin(self) -> Self:
-        if not self.servos and not self.buttons:
-            raise ValueError("the board has neither servos nor buttons; name at least one")
+        if not self.servos and not self.buttons and not self.analog:
+            raise ValueError("the board has neither servos nor buttons nor analog inputs; name at least one")
         taken: dict[int, str] = {}
         pins = [(name, servo.pin) for name, servo in self.servos.items()]
         pins += [(name, button.pin) for name, button in self.buttons.items()]
+        pins += [(name, analog.pin) for name, analog in self.analog.items()]
         for name, pin in pins:
             if pin in taken:
                 raise ValueError(f"pin {pin} is used twice, by {taken[pin]} and {name}")

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from srl.drivers.firmata import protocol
+from srl.drivers.firmata.analog import Analog
 from srl.drivers.firmata.buttons import Buttons
 from srl.drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
 from srl.drivers.firmata.identify import FLASH, identify, listen, require, who
@@ -39,16 +40,17 @@ class Firmata(Driver):
     """Servos and buttons on one board.
 
     Command `position_command`, shape (n,), rad: the servos in the profile's order. State `buttons`, shape
-    (m,): 1 pressed, 0 released, debounced. Source: Firmata protocol 2.5 (protocol.md), StandardFirmata.
+    (m,): 1 pressed, 0 released, debounced. State `analog`, shape (k,): the analog inputs, in the profile's unit; with
+    them the device is as old as the oldest of their readings. Source: Firmata protocol 2.5 (protocol.md).
 
     Attributes:
         home: by command name, the angles of the first command after `open` (rad).
     """
 
     Config = FirmataConfig
-    summary = "Arduino with StandardFirmata: hobby servos and push buttons (USB serial)"
+    summary = "Arduino with StandardFirmata: hobby servos, push buttons, analog inputs (USB serial)"
     usb = ("2341", "2a03", "1a86")  # Arduino twice, and the CH340 of many boards like it
-    gives = ("buttons",)
+    gives = ("buttons", "analog")
     takes = (COMMAND,)
     calibrated = servo_record.WHAT
     max_age = 1.2
@@ -75,6 +77,11 @@ class Firmata(Driver):
             self.home[COMMAND] = np.array([servo.home for servo in servos.values()])
         if buttons:
             self.states = (Signal(name="buttons", shape=(len(buttons),), unit="1", labels=tuple(buttons)),)
+        if config.analog:
+            unit = config.analog_unit
+            signal = Signal(name="analog", shape=(len(config.analog),), unit=unit, labels=tuple(config.analog))
+            self.states = (*self.states, signal)
+            self.max_age = Analog(config.analog, config.analog_interval).max_age
         self._pins = [servo.pin for servo in servos.values()]
         self._calibrations = tuple(servo.calibration for servo in servos.values())
         if servos:
@@ -85,6 +92,7 @@ class Firmata(Driver):
         self._buttons = Buttons(
             [button.pin for button in buttons.values()], [button.debounce for button in buttons.values()]
         )
+        self._analog = Analog(config.analog, config.analog_interval)
         self._decoder = Decoder()
         self._link: Transport | None = None
         self._was_lost = False
@@ -98,6 +106,12 @@ class Firmata(Driver):
         self._inputs_frame = b"".join(
             protocol.set_pin_mode(button.pin, _input_mode(button)) for button in buttons.values()
         ) + b"".join(protocol.report_digital(port, True) for port in self._buttons.ports)
+        if config.analog:
+            # The firmware's period is a millisecond longer than it is told.
+            self._inputs_frame += protocol.sampling_interval(max(round(config.analog_interval * 1000) - 1, 1))
+            self._inputs_frame += b"".join(
+                protocol.set_pin_mode(entry.pin, Mode.ANALOG) for entry in config.analog.values()
+            ) + b"".join(protocol.report_analog(channel, True) for channel in self._analog.channels)
         # If a pin is detached in the middle of a pulse, it would stay high. So a low is written after it.
         self._limp_frame = protocol.END_SYSEX + b"".join(
             protocol.set_pin_mode(pin, Mode.OUTPUT) + protocol.digital_pin_write(pin, False) for pin in self._pins
@@ -140,9 +154,14 @@ class Firmata(Driver):
             self._lose()
             raise
         self.health.unsent = self._in_flight
-        if self.states:
+        if self.config.buttons:
             self._buttons.settle(now)
             self.state_arrays["buttons"][:] = self._buttons.pressed
+        if self.config.analog:
+            self.state_arrays["analog"][:] = self._analog.values
+            self.health.stamp = self._analog.stamp
+            if self._analog.problem:
+                self.health.message, self._analog.problem = self._analog.problem, ""
 
     def write(self, now: int) -> None:
         """Writes only pulses that have changed; the first call attaches all servos."""
@@ -196,6 +215,7 @@ class Firmata(Driver):
         with contextlib.suppress(DeviceError):
             last = self._limp_frame if self._limp else b""
             last += b"".join(protocol.report_digital(port, False) for port in self._buttons.ports)
+            last += b"".join(protocol.report_analog(channel, False) for channel in self._analog.channels)
             if last and not self._was_lost:
                 link.write_all(last, 0.2)
         link.close()
@@ -248,6 +268,8 @@ class Firmata(Driver):
             require(board, servo.pin, Mode.SERVO, joint, self.name)
         for name, button in self.config.buttons.items():
             require(board, button.pin, _input_mode(button), name, self.name)
+        for name, analog in self.config.analog.items():
+            require(board, analog.pin, Mode.ANALOG, name, self.name)
         link.write_all(self._limp_frame + self._inputs_frame, 1.0)
         ports = self._buttons.ports
         masks: dict[int, int] = {}
@@ -266,6 +288,8 @@ class Firmata(Driver):
     def _take(self, message: protocol.Message, now: int) -> None:
         self.health.stamp = now
         match message:
+            case protocol.AnalogValue(channel, value):
+                self._analog.take(channel, value, now)
             case protocol.DigitalPort(port, mask):
                 self._buttons.take(port, mask, now)
             case protocol.Version():
@@ -321,6 +345,7 @@ class Firmata(Driver):
             self._hold_frames = None
 
     def _forget(self) -> None:
+        self._analog = Analog(self.config.analog, self.config.analog_interval)
         self._sent = [None] * len(self._pins)
         self._hold_frames = None
         self._in_flight = 0

@@ -73,12 +73,18 @@ def who(port: str) -> str:
         link.close()
 
 
+_CAN = {
+    Mode.SERVO: "drive a servo", Mode.PULL_UP: "pull up an input", Mode.INPUT: "be an input",
+    Mode.ANALOG: "read a voltage",
+}  # fmt: skip
+
+
 def require(board: Board, pin: int, mode: Mode, part: str, place: str) -> None:
     """Raises DeviceError unless the board offers the mode on the pin."""
     if pin < len(board.pins) and mode in board.pins[pin]:
         return
     able = [str(i) for i, modes in enumerate(board.pins) if mode in modes]
-    what = {Mode.SERVO: "drive a servo", Mode.PULL_UP: "pull up an input", Mode.INPUT: "be an input"}[mode]
+    what = _CAN[mode]
     problem = f"pin {pin} ({part}) can't {what} with {board.firmware}"
     if able:
         raise DeviceError(place, problem, f"Pins that can: {', '.join(able)}")

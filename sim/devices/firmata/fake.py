@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from srl.drivers.firmata import Firmata
+from srl.drivers.firmata.analog import FULL, Analog
 from srl.drivers.firmata.config import Calibration, FirmataConfig
 from srl.drivers.firmata.driver import COMMAND
 from srl.runtime.contracts.entry import BaseModel
@@ -49,6 +50,9 @@ class FakeFirmataConfig(FakeConfig):
     presses: dict[str, Windows] = Field(
         default={}, description="s, by button: [from, to] pairs in world time during which it is pressed"
     )
+    analog: dict[str, list[tuple[float, float]]] = Field(
+        default={}, description="of an analog input: [[s, share of the supply], ...], lines between; else a wave"
+    )
     person: str | None = Field(default=None, description="the cell's part that presses the buttons, besides `presses`")
     loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the board is gone")
 
@@ -86,6 +90,10 @@ class FakeFirmata(Fake):
         self._turns: list[str] = []  # the name of the world's servo that each of the board's is
         if n:
             self._mount(world)
+        if unknown := set(options.analog) - set(config.analog):
+            problem = f"the board has no analog input '{min(unknown)}'"
+            raise WiringError(f"sim.devices.{name}.analog", problem, nearest(min(unknown), config.analog))
+        self._analog = Analog(config.analog, config.analog_interval)
         if unknown := set(options.presses) - set(self._buttons):
             raise WiringError(
                 f"sim.devices.{name}.presses", f"the board has no button '{unknown.pop()}'", "Name one it has"
@@ -166,7 +174,13 @@ class FakeFirmata(Fake):
         self._check()
         self.health.stamp = now
         self.health.frames += 1
-        if self.states:
+        for name, channel in zip(self.config.analog, self._analog.channels, strict=True):
+            self._analog.take(channel, self.reading(name), now)
+        if self.config.analog:
+            self.state_arrays["analog"][:] = self._analog.values
+            self.health.stamp = self._analog.stamp
+            self.health.message = self._analog.problem
+        if self.config.buttons:
             found, t, person = [], self.world.time * 1e-9, self._person
             for i, levels in enumerate(self._levels):
                 level = 0.0
@@ -227,6 +241,15 @@ class FakeFirmata(Fake):
         for joint in range(len(self._joints)):
             self.detach(joint)
         self._widths = [_NEUTRAL] * len(self._joints)
+
+    def reading(self, name: str) -> int:
+        """Of an analog input now, 0 to 1023: without a plan the wave of a foot that presses every 6 s."""
+        t, plan = self.world.time * 1e-9, self._options.analog.get(name)
+        if plan:
+            share = float(np.interp(t, [at for at, _ in plan], [level for _, level in plan]))
+        else:
+            share = 0.25 * (1.0 - math.cos(2.0 * math.pi * t / 6.0))
+        return round(min(max(share, 0.0), 1.0) * FULL)
 
     def button(self, number: int) -> bool:
         """Whether a button is pressed now; debouncing is left to the driver."""

@@ -44,6 +44,9 @@ class Wires(Protocol):
     def level(self, pin: int, pull_up: bool) -> bool:
         """The level that a digital input reads."""
 
+    def reading(self, pin: int) -> int:
+        """What an analog input reads, 0 to 1023."""
+
 
 class _Slot:
     """One servo of the Servo library; it keeps its last width while it is detached.
@@ -275,7 +278,8 @@ class StandardFirmata:
             self._analog_reported.discard(channel)
 
     def _send_analog(self, channel: int) -> None:
-        self._out += bytes((0xE0 | channel, 0, 0))  # nothing is wired to the analog inputs
+        reading = self._wires.reading(_FIRST_ANALOG + channel)
+        self._out += bytes((0xE0 | channel, reading & 0x7F, reading >> 7))
 
     # -- answers
 

@@ -30,6 +30,7 @@ class FirmataTwin(SerialTwin):
         self._joints = tuple(config.servos)
         self._servo_of = {servo.pin: i for i, servo in enumerate(config.servos.values())}
         self._buttons = {button.pin: (i, button.pull_up) for i, button in enumerate(config.buttons.values())}
+        self._analog = {entry.pin: name for name, entry in config.analog.items()}
         self._now = 0
         self._booted_at: int | None = None  # time at which the present boot ends
         self._commanded: int | None = None
@@ -118,6 +119,11 @@ class FirmataTwin(SerialTwin):
             return pull_up
         number, board_pulls = self._buttons[pin]
         return not self.board.button(number) and (pull_up or not board_pulls)
+
+    def reading(self, pin: int) -> int:
+        """Nothing is wired to a pin that isn't an analog input of the profile; it reads 0."""
+        name = self._analog.get(pin)
+        return 0 if name is None else self.board.reading(name)
 
     def _note(self, joint: int, pulse: int | None) -> None:
         self._pulses[joint] = pulse

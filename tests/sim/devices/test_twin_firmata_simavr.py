@@ -32,6 +32,9 @@ class Wires:
     def level(self, pin: int, pull_up: bool) -> bool:
         return pull_up
 
+    def reading(self, pin: int) -> int:
+        return 0
+
 
 def script(rng: random.Random) -> bytes:
     """Commands with good, odd and cut-short parts; none whose answer depends on the time.
