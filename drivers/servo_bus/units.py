@@ -189,13 +189,21 @@ class Units(ABC):
         return self._sync_write(self._head + body.tobytes())
 
     def take_up_turns(self, i: int, counts: int) -> None:
-        """Corrects for lost turns: motor `i` reports `counts` instead of `seen[i]`, as it has forgotten whole turns.
+        """Corrects for lost turns: motor `i` reports `counts`, and may have forgotten whole turns.
 
-        A servo counts turns only while it has power. It must not have moved by half a turn in the meantime.
+        A servo counts turns only while it has power. What was seen before tells them, if it hasn't moved by half a turn
+        since. Else bounds that are less than a turn apart do: the axis is the one place between them, or the nearest.
         """
-        if self.mode in _TURNING and self.seen is not None:
-            turns = round((int(self.seen[i]) - counts) / COUNTS)
-            self.offset[i] += turns * COUNTS * self.per_count[i]
+        if self.mode not in _TURNING:
+            return
+        turn = COUNTS * self.per_count[i]
+        if self.seen is not None:
+            self.offset[i] += round((int(self.seen[i]) - counts) / COUNTS) * turn
+            return
+        axis = list(self.config.motors.values())[i]
+        if axis.lower is not None and axis.upper is not None and axis.upper - axis.lower < abs(turn):
+            middle = (axis.lower + axis.upper) / 2.0
+            self.offset[i] += round((middle - counts * self.per_count[i] - self.offset[i]) / turn) * turn
 
     def frame(self, name: str, value: int | Mapping[int, int], ids: Iterable[int] | None = None) -> bytes:
         """Encodes a write of one register (the same in all tables) to all motors, to some, or by id; unacknowledged."""

@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from srl.drivers.dynamixel.config import DynamixelConfig
 from srl.drivers.dynamixel.family import Family, family
@@ -306,3 +308,41 @@ def test_a_calibration_says_where_an_axis_is_at_each_count(direction: Literal[-1
         before, after = decoded(plain, *samples), decoded(found, *samples)
         assert after["position"] == pytest.approx(direction * before["position"] - trim)
         assert after["velocity"] == pytest.approx(direction * before["velocity"])
+
+
+def wide(make: str, lower: float, upper: float, **axis: Any) -> Units:
+    motor = {"id": 1, "lower": lower, "upper": upper} | axis
+    if make == "feetech":
+        motors = {"joint": motor | {"model": "STS3215"}}
+        return FeetechUnits(FeetechConfig.model_validate({"port": "/dev/null", "motors": motors, "mode": "extended"}))
+    motors = {"joint": motor | {"model": "MX-106"}}
+    return family(DynamixelConfig.model_validate({"port": "/dev/null", "motors": motors, "mode": "extended"}))
+
+
+@pytest.mark.parametrize("make", ["dynamixel", "feetech"])
+@given(
+    lower=st.floats(-9.0, 5.0), span=st.floats(0.2, 2 * pi - 0.01), share=st.floats(0.0, 1.0), reverse=st.booleans(),
+    zero=st.floats(-2.0, 2.0), scale=st.sampled_from([None, 0.01]),
+)  # fmt: skip
+def test_after_a_power_up_bounds_of_less_than_a_turn_tell_the_turn(
+    make: str, lower: float, span: float, share: float, reverse: bool, zero: float, scale: float | None
+) -> None:
+    """A servo then counts 0 to 4095, wherever the shaft is; the axis is where it was."""
+    size = scale or 1.0
+    ends = lower * size, (lower + span) * size
+    units = wide(make, *ends, reversed=reverse, zero=zero, m_per_rad=scale)
+    where = ends[0] + share * (ends[1] - ends[0])
+    counts = round((where - units.offset[0]) / units.per_count[0]) % 4096
+    before = units.offset.copy()
+    units.take_up_turns(0, counts)
+    assert counts * units.per_count[0] + units.offset[0] == pytest.approx(where, abs=COUNT * size)
+    turns = (units.offset[0] - before[0]) / (2 * pi * size)
+    assert turns == pytest.approx(round(turns), abs=1e-9)
+
+
+@pytest.mark.parametrize("make", ["dynamixel", "feetech"])
+def test_wider_bounds_tell_nothing(make: str) -> None:
+    units = wide(make, -4.0, 4.0)
+    before = units.offset.copy()
+    units.take_up_turns(0, 4000)
+    assert units.offset == before
