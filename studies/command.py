@@ -7,7 +7,7 @@ import inspect
 import json
 import re
 import sys
-from math import isfinite
+from math import isfinite, isnan
 from pathlib import Path
 from typing import Any
 
@@ -126,9 +126,12 @@ def _show(result: Any, folder: Path, as_json: bool) -> int:
     print(f"{result.study} ({'simulated' if result.simulated else 'on hardware'}, seeds {result.seeds})")
     _print_table(result.table)
     for claim in result.claims:
-        measured = "not measured" if claim.measured is None else f"{claim.measured:.4g} {claim.unit}".rstrip()
-        paper = f"; paper: {claim.paper}" if claim.paper else ""
-        print(f"  {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.id}: {claim.text} ({measured}{paper})")
+        paper = f"paper: {claim.paper}" if claim.paper else ""
+        if claim.measured is None or isnan(claim.measured):  # which neither confirms nor refutes it
+            print(f"  not measured: {claim.id}: {claim.text}" + (f" ({paper})" if paper else ""))
+            continue
+        measured = f"{claim.measured:.4g} {claim.unit}".rstrip() + (f"; {paper}" if paper else "")
+        print(f"  {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.id}: {claim.text} ({measured})")
     for file in (*result.files, "result.json"):
         print(f"  {file}")
     _keep(folder / "result.json", result.metrics())

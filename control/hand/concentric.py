@@ -1,8 +1,8 @@
 """A virtual object that only grows and shrinks about its centre: what holds it closes on it from all sides. Ours.
 
-Prattichizzo et al., RO-MAN 2014, explain what the fingertips have in common as a motion of the object. A hand that
-closes toward the extra finger thus pushes it away. Here the same motion is a smaller object, and the finger comes to
-meet them.
+Prattichizzo et al., IEEE/ASME AIM 2014, explain what the fingertips have in common as a motion of the object. A hand
+that closes toward the extra finger thus pushes it away. Here the same motion is a smaller object, and the finger comes
+to meet them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Object-based mapping of the human hand's motion onto robotic extra fingers.
 
-Prattichizzo et al., RO-MAN 2014, section II. Errata and additions: docs/object-mapping.md.
+Prattichizzo et al., IEEE/ASME AIM 2014, section II. Errata and additions: docs/object-mapping.md.
 """
 
 from __future__ import annotations

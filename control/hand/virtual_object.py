@@ -1,6 +1,6 @@
 """The virtual object between the fingertips: how the human points move it, and how it moves other points.
 
-Prattichizzo et al., RO-MAN 2014, equations (1) to (4). Notation: p_h (n_h, 3) human reference points, p_a
+Prattichizzo et al., IEEE/ASME AIM 2014, equations (1) to (4). Notation: p_h (n_h, 3) human reference points, p_a
 robotic points, c the centroid of p_h, o and r the virtual sphere's centre and radius.
 """
 
