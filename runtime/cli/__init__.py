@@ -6,9 +6,11 @@ import argparse
 import errno
 import importlib
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from io import TextIOWrapper
+from typing import NoReturn
 
 from srl.runtime import __version__
 from srl.runtime.contracts.errors import HostError, SrlError
@@ -41,6 +43,25 @@ MODULES = {name: name for name in COMMANDS} | {"reset": "stop", "start": "stop"}
 """In which module each of these commands is."""
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says, too, what was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        from srl.runtime.contracts.errors import nearest
+
+        hint = f"`{self.prog} --help` lists what there is"
+        words = message.rpartition(": ")[2].split()
+        if message.startswith("unrecognized") and words[0].startswith("--"):
+            hint = nearest(words[0].partition("=")[0], [o for o in self._option_string_actions if o.startswith("--")])
+        elif "arguments are required" in message and "profile" in message and any("--sim" in w for w in sys.argv):
+            hint = "Write the profile before --sim: what stands behind it are devices"
+        elif found := re.search(r"invalid choice: '?([^']*)'? \(choose from (.*)\)", message):
+            hint = nearest(found[1], [name.strip("' ") for name in found[2].split(",")])
+            message = message.partition(" (choose from")[0]
+        self.print_usage(sys.stderr)
+        self.exit(2, f"{self.prog}: {message}. {hint}\n")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command. Returns 0 for success, 1 for an end in a fault, 2 for wrong input from the user."""
     try:
@@ -62,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _main(arguments: Sequence[str] | None) -> int:
     if arguments is None:  # this process and its children: importing MuJoCo with its windows takes 0.2 s of each
         os.environ.setdefault("MUJOCO_GL", "disabled")
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = _Parser(
         prog="srl", description="Runtime for supernumerary robotic limbs.",
         epilog="Start with: srl run sixth-finger --sim", formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
@@ -75,7 +96,9 @@ def _main(arguments: Sequence[str] | None) -> int:
         from srl.runtime.cli import completion
 
         completion.answer(parser)
-    args = parser.parse_args(given)
+    args, unknown = parser.parse_known_args(given)
+    if unknown:
+        subparsers.choices[args.command].error(f"unrecognized arguments: {' '.join(unknown)}")
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a file's name may be no UTF-8
     try:

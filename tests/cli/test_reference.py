@@ -88,3 +88,21 @@ def test_an_old_command_does_the_same_and_names_the_new(more: list[str], capsys:
 
 def test_the_page_is_what_the_commands_say() -> None:
     assert (ROOT / PAGE).read_text() == page(), "Run `make commands`"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "sixth-finger", "--simm"], "srl run: unrecognized arguments: --simm. Did you mean '--sim'?"),
+        (["chek", "x"], "invalid choice: 'chek'. Did you mean 'check'?"),
+        (["calibrate", "sixth-finger", "glov"], "invalid choice: 'glov'. Did you mean 'glove'?"),
+        (["run", "sixth-finger", "--duration", "5s"], "invalid float value: '5s'. `srl run --help` lists"),
+    ],
+)
+def test_a_mistyped_word_is_said_with_what_was_probably_meant(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err
