@@ -58,10 +58,13 @@ def run(args: argparse.Namespace) -> int:
     if not args.test:
         setter = driver.new_servo(config, name)  # type: ignore[attr-defined]
         for motor in args.only or motors:
-            done = _one(setter, motor, config.motors[motor], args.limits)
+            others = [name for name, changes in changed.items() if changes]  # a new servo isn't as these are
+            done = _one(setter, motor, config.motors[motor], args.limits, others)
             if done is not None:
                 changed[motor] = done
         _ask(f"Connect all of '{name}' to the adapter again, with power")
+    if args.test and "configure" in type(config).model_fields:
+        config = config.model_copy(update={"configure": False})
     problem = _problem(driver, name, config)
     if args.json:
         print(json.dumps({"device": name, "changed": changed, "problem": problem}))
@@ -80,8 +83,11 @@ def _read(args: argparse.Namespace, name: str, config: Any) -> int:
         problem = f"'{args.profile}' is no file of yours"
         raise RequestError("--lerobot", problem, f"srl new my-arm --from {args.profile}")
     label, text, _ = profile.find(str(path.absolute()))
+    if config.driver != "feetech":
+        problem = f"'{name}' has no Feetech servos, of which its counts are"
+        raise RequestError("--lerobot", problem, "Name another device")
     changed = edited(label, text, overrides(args.lerobot, name, config))
-    profile.parse(label, changed)
+    _device(*profile.parse(label, changed), name)
     kept = older.keep(path)
     whole_file.write(path, changed.encode(), RequestError)
     if args.json:
@@ -91,14 +97,19 @@ def _read(args: argparse.Namespace, name: str, config: Any) -> int:
     return 0
 
 
-def _one(setter: Any, name: str, motor: Any, limits: bool) -> list[str] | None:
-    """Sets up one motor; None: it was left out."""
+def _one(setter: Any, name: str, motor: Any, limits: bool, others: list[str]) -> list[str] | None:
+    """Sets up one motor; None: it was left out. `others`: those that were set up before."""
     while True:
         said = _ask(f"Connect the servo for '{name}' alone ({motor.model}, to be id {motor.id}). s leaves it out")
         if said == "s":
             return None
         try:
-            changes = [str(change) for change in setter.give(name, setter.find(), limits)]
+            found = setter.find()
+            for other in others:
+                if setter.config.motors[other].model == motor.model and setter.fits(other, found):
+                    problem = f"this is the servo for '{other}', which was set up before"
+                    raise DeviceError(setter.place, problem, f"Connect the one for '{name}'")
+            changes = [str(change) for change in setter.give(name, found, limits)]
         except DeviceError as error:
             print(f"{error}", file=sys.stderr, flush=True)
             continue

@@ -55,6 +55,6 @@ def overrides(path: Path, name: str, config: Any) -> list[str]:
             raise RequestError(f"--lerobot {path}", f"the range of '{motor}' is empty", "Calibrate it again")
         axis, place = config.motors[motor], f"devices.{name}.motors.{motor}"
         ends = sorted(((n - CENTRE) * PER_COUNT - axis.zero) * axis.scale for n in (line.range_min, line.range_max))
-        values = {"id": line.id, "offset": line.homing_offset, "lower": round(ends[0], 4), "upper": round(ends[1], 4)}
+        values = {"id": line.id, "offset": line.homing_offset, "lower": round(ends[0], 6), "upper": round(ends[1], 6)}
         given += [f"{place}.{key}={json.dumps(value)}" for key, value in values.items()]
     return given

@@ -12,6 +12,7 @@ from srl.drivers.dynamixel.models import called
 from srl.drivers.dynamixel.setup import NO_ID
 from srl.drivers.dynamixel.table import baud_code, table
 from srl.drivers.servo_bus import protocol1
+from srl.drivers.servo_bus.asking import Asker
 from srl.drivers.servo_bus.new_servo import Found, NewServo, broadcast
 from srl.drivers.servo_bus.packets import BROADCAST, HIGHEST_ID
 from srl.drivers.servo_bus.register import Register
@@ -47,6 +48,11 @@ class NewDynamixel(NewServo):
             found += broadcast(statuses, rate, 1)
             garbled += bad
         return found, garbled
+
+    def _have_it_answer(self, asker: Asker, id: int) -> None:
+        wire, level = asker.bus.wire, self._units().tables[0]["status_return_level"]
+        if asker.ask(wire.read(id, 0, 2), id, 2, tries=2) is None:
+            asker.tell(wire.write(id, level.address, level.encode(2)))
 
     def _bus(self, protocol: int) -> Family:
         return self._units()

@@ -30,6 +30,12 @@ class NewFeetech(NewServo):
         statuses, garbled = self._listened(link, protocol.Parser(), protocol.ping(BROADCAST))
         return list(broadcast(statuses, rate, 1)), garbled
 
+    def _have_it_answer(self, asker: Asker, id: int) -> None:
+        level = TABLE["status_return_level"]
+        status = asker.ask(protocol.read(id, level.address, level.size), id, level.size, tries=2)
+        if status is None or not level.decode(status.data, level.address):  # then it answers no writes
+            asker.tell(protocol.write(id, level.address, level.encode(1)))
+
     def _bus(self, protocol: int) -> Any:
         return self._units()
 

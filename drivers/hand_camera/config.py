@@ -14,6 +14,7 @@ from srl.runtime.models.human_hand import FINGERS
 
 POINTS: Final = ("wrist", *(f"{finger}_{joint}" for finger in FINGERS for joint in ("base", "middle", "distal", "tip")))
 """The landmarks in their order: the wrist, then each finger's joints from its root to its tip."""
+FROZEN: Final = 0.5  # s for which a picture may stay the same to the last digit: a camera that hangs repeats it
 REACH: Final = 5.0  # m; a landmark farther from the origin is none
 
 
@@ -40,7 +41,7 @@ class HandCameraConfig(DeviceConfig):
         places = {name: f"landmarks.{i}.{k}" for name, i, k in names}
         return UdpMessagesConfig.model_validate({
             "port": self.port, "sender": self.sender, "sequence": "frame", "time": "time", "latency": self.latency,
-            "silence": self.silence, "start": self.start, "signals": {
+            "silence": self.silence, "start": self.start, "frozen": FROZEN, "signals": {
                 "landmarks": {"elements": places, "unit": "m", "lower": -REACH, "upper": REACH},
                 "confidence": {"elements": {"hand": "confidence"}, "unit": "1", "lower": self.confidence, "upper": 1.0},
                 "right": {"elements": {"hand": "right"}, "unit": "1", "lower": right - 0.5, "upper": right + 0.5},

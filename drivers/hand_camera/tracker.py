@@ -65,7 +65,7 @@ def _message(found: Any, number: int, taken: float, mirrored: bool) -> bytes:
     points = found.multi_hand_world_landmarks[0].landmark
     return json.dumps({
         "frame": number, "time": taken, "right": (label.label == "Right") == mirrored, "confidence": label.score,
-        "landmarks": [[p.x, p.y, p.z] for p in points],
+        "landmarks": [[-p.x if mirrored else p.x, p.y, p.z] for p in points],
     }).encode()  # fmt: skip
 
 

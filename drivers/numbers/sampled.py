@@ -7,7 +7,7 @@ from typing import Final
 
 from srl.drivers.numbers.signals import Numbers, NumbersConfig
 from srl.drivers.rate import Rate
-from srl.drivers.streamtime import Lateness, StreamTime
+from srl.drivers.streamtime import LATE, Lateness, StreamTime
 from srl.runtime.contracts.driver import Health
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array
@@ -44,13 +44,16 @@ class Sampled:
         health, config = self._health, self._config
         self._count += 1 + missed
         self._heard = now
-        if self._rate is not None and (found := self._rate.wrong(self._count, now)) is not None:
+        late = 0
+        if stamp is None and self._time is not None:
+            stamp = self._time.stamp(self._count, now)
+            late = self._time.delay
+            self._late.check(late, now, self._place, health)
+        # A window that ends in a late sample would say nothing of the rate.
+        if self._rate is not None and late < LATE and (found := self._rate.wrong(self._count, now)) is not None:
             problem = f"it brings {found:.0f} samples a second, and the profile says {config.rate:g}"
             health.lost(problem)
             raise DeviceLostError(self._place, problem, f"Correct 'rate'. {_SENDER}")
-        if stamp is None and self._time is not None:
-            stamp = self._time.stamp(self._count, now)
-            self._late.check(self._time.delay, now, self._place, health)
         if numbers != self._newest or self._fresh < 0:
             self._newest, self._fresh = numbers, now
         if now - self._fresh > config.frozen * 1e9:

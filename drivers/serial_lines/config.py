@@ -60,6 +60,8 @@ class SerialLinesConfig(NumbersConfig):
             raise ValueError(f"fields: it has {len(self.fields) - 1} numbers, and columns says {self.columns}")
         if not self.header:
             raise ValueError("header: without one nothing says where a frame begins")
+        if self.checksum == "none" and len(set(self.head)) < 2:
+            raise ValueError("header: without a checksum it must have two bytes that differ, or numbers look like one")
         return self
 
     @property

@@ -14,6 +14,7 @@ from srl.drivers.timeout import remaining
 from srl.drivers.transport import Transport, open_transport
 from srl.runtime.contracts.driver import Sensor
 
+_MOST: Final = 8192  # bytes that are looked at in one cycle: the newest
 _LOOK: Final = "Look at the port, 'baudrate', 'format', and what the board sends (srl find-port)"
 
 
@@ -38,7 +39,7 @@ class SerialLines(Linked[Transport], Sensor):
 
     def _begin(self) -> None:
         self._parser = Parser(self.config)
-        lossless = self.config.port.startswith("tcp")
+        lossless = self.config.port.startswith("tcp") or self.config.counter is not None
         self._sampled = Sampled(self.config, self._place, self.health, self._numbers, lossless)
         self._counter: int | None = None
         self._gaps = 0
@@ -64,7 +65,7 @@ class SerialLines(Linked[Transport], Sensor):
 
     def _receive(self, link: Transport, now: int) -> None:
         parser, before = self._parser, self._parser.errors
-        data = link.read()
+        data = link.read()[-_MOST:]
         for sample in parser.feed(data) if data else ():
             missed = self._missed(sample)
             if missed < 0:

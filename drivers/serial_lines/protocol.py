@@ -84,28 +84,24 @@ class Parser:
     def _frames(self) -> list[list[float]]:
         config, head, size = self._config, self._config.head, self._config.size
         found: list[list[float]] = []
-        while True:
-            at = self._rest.find(head)
-            if at < 0:
-                if len(self._rest) >= len(head):
-                    skipped = len(self._rest) - len(head) + 1
-                    self._rest = self._rest[skipped:]
-                    self._bad("bytes between frames")
-                return found
-            if at:
-                self._rest = self._rest[at:]
+        at = 0
+        while (begin := self._rest.find(head, at)) >= 0 and begin + size <= len(self._rest):
+            if begin > at:
                 self._bad("bytes between frames")
-            if len(self._rest) < size:
-                return found
-            body = self._rest[len(head) : size]
+            body = self._rest[begin + len(head) : begin + size]
             if config.checksum != "none":
                 body, last = body[:-1], body[-1]
                 if last != self._sum(body):
-                    self._rest = self._rest[1:]
+                    at = begin + 1
                     self._bad("a checksum is wrong")
                     continue
-            self._rest = self._rest[size:]
+            at = begin + size
             found.append([float(x) for x in struct.unpack(config.fields, body)])
+        if begin < 0 and len(self._rest) - at >= len(head):
+            at = len(self._rest) - len(head) + 1
+            self._bad("bytes between frames")
+        self._rest = self._rest[at:]
+        return found
 
     def _sum(self, data: bytes) -> int:
         return reduce(xor, data, 0) if self._config.checksum == "xor" else sum(data) & 0xFF

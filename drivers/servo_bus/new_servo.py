@@ -98,6 +98,7 @@ class NewServo(ABC):
         Raises:
             DeviceError: it is another model, its torque is on, it doesn't take a value, or it doesn't answer any more.
         """
+        wanted = self._wanted(name, found) | (self._limits(name) if limits else {})
         motor = self.config.motors[name]
         with self._asked(found) as asker:
             memory = self._whole(asker, name, found.id)
@@ -105,30 +106,36 @@ class NewServo(ABC):
             if table["torque_enable"].decode(memory):
                 problem = f"the torque of the servo for '{name}' is on"
                 raise DeviceError(self.place, problem, "Switch its power off and on: what is set is set without torque")
-            wanted = self._wanted(name, found)
-            if limits:
-                wanted |= self._limits(name)
             # The id and the rate last: until then the servo is asked as it was found.
             order = [*(key for key in wanted if key not in ("id", "baud_rate")), "id", "baud_rate"]
             changes = [
                 Change(key, now, wanted[key]) for key in order if (now := table[key].decode(memory)) != wanted[key]
             ]
-            if not changes:
-                return []
-            self._unlock(asker, found.id)
+            if changes:
+                self._unlock(asker, found.id)
             id = found.id
             for change in changes:
                 register = table[change.what]
                 asker.ask(asker.bus.wire.write(id, register.address, register.encode(change.after)), id, 0, tries=2)
                 id = motor.id if change.what == "id" else id
         with self._asked(Found(self.config.baudrate, found.protocol, motor.id)) as asker:
-            self._lock(asker, motor.id)
+            self._lock(asker, motor.id)  # it may be open from a time that was broken off
             memory = self._whole(asker, name, motor.id)
         for change in changes:
             if (now := table[change.what].decode(memory)) != change.after:
                 problem = f"the servo for '{name}' has {change.what.replace('_', ' ')} {now}, not {change.after}"
                 raise DeviceError(self.place, problem, "Try again; what it has taken stays, and it is found again")
         return changes
+
+    def fits(self, name: str, found: Found) -> bool:
+        """Whether the servo that answers is the motor `name` already. Raises DeviceError: it doesn't answer."""
+        motor = self.config.motors[name]
+        if (found.id, found.rate) != (motor.id, self.config.baudrate):
+            return False
+        with self._asked(found) as asker:
+            memory = self._whole(asker, name, found.id)
+        table = self._table(motor, found, memory)
+        return all(table[key].decode(memory) == value for key, value in self._wanted(name, found).items())
 
     def _asked(self, found: Found) -> _Session:
         link = open_transport(self.config.port, place=self.place, baudrate=found.rate)
@@ -137,6 +144,7 @@ class NewServo(ABC):
     def _whole(self, asker: Asker, name: str, id: int) -> bytes:
         """All registers, from address 0 on. Raises DeviceError: it doesn't answer, or two answer as one."""
         reads = []
+        self._have_it_answer(asker, id)
         for _ in range(_READS):
             before = asker.parser.errors + asker.parser.skipped
             memory = b""
@@ -154,14 +162,18 @@ class NewServo(ABC):
         return memory
 
     def _limits(self, name: str) -> dict[str, int]:
-        """The registers for `lower` and `upper`, in counts, rounded outwards; none where the profile gives none."""
+        """The registers of `lower` and `upper`, in counts, rounded outwards. Raises DeviceError: it can't have them."""
         motor, units = self.config.motors[name], self._units()
-        if motor.lower is None or motor.upper is None:
-            return {}
+        if units.mode != "position" or motor.lower is None or motor.upper is None:
+            problem = f"'{name}' can't have limits of its own: mode '{units.mode}', {motor.lower} to {motor.upper}"
+            raise DeviceError(self.place, problem, "Leave --limits out, or give it lower, upper and mode position")
         i = list(self.config.motors).index(name)
         ends = sorted((end - units.offset[i]) / units.per_count[i] for end in (motor.lower, motor.upper))
-        low, high = max(floor(ends[0]), 0), min(ceil(ends[1]), 4095)
-        return dict(zip(self.limits, (low, high), strict=True)) if low < high else {}
+        low, high = floor(ends[0] + 1e-6), ceil(ends[1] - 1e-6)
+        if not 0 <= low < high <= 4095:
+            problem = f"'{name}' would have limits of {low} to {high} counts, and one turn has 0 to 4095"
+            raise DeviceError(self.place, problem, "Leave --limits out, or seat the horn nearer to the middle")
+        return dict(zip(self.limits, (low, high), strict=True))
 
     def _listened(
         self, link: Transport, parser: Any, frame: bytes, seconds: float | None = None
@@ -173,6 +185,10 @@ class NewServo(ABC):
         for left in remaining(LISTEN if seconds is None else seconds):
             statuses += parser.statuses(link.read_wait(left))
         return statuses, parser.errors + parser.skipped
+
+    @abstractmethod
+    def _have_it_answer(self, asker: Asker, id: int) -> None:
+        """Has a servo answer reads and writes that answers pings alone."""
 
     @abstractmethod
     def _answers(self, link: Transport, rate: int) -> tuple[list[Found], int]:

@@ -24,6 +24,7 @@ class UdpMessagesConfig(NumbersConfig):
     format: Literal["json", "osc"] = Field("json", description="what a datagram is")
     sender: str | None = Field(None, description="address of the only host that counts; none: the first that sends")
     sequence: Place | None = Field(None, description="where a whole number is that grows with each sample")
+    sequence_modulus: int | None = Field(None, ge=4, le=1 << 53, description="at which `sequence` begins again at 0")
     time: Place | None = Field(None, description="where the sender's clock is, s: of its sampling, from any zero")
     start: float = Field(3.0, gt=0, le=60, description="s until the first sample")
     signals: dict[str, NumberSignal[Place]] = Field(min_length=1, description="by the name it gets here")
@@ -44,6 +45,8 @@ class UdpMessagesConfig(NumbersConfig):
         if parts.scheme != "udp" or parts.path or parts.query:
             raise ValueError(f"port: '{self.port}' must read udp://ADDRESS:PORT or udp://:PORT")
         if self.format == "osc":
+            if self.sequence is not None or self.time is not None:
+                raise ValueError("sequence, time: they are for JSON, whose samples are whole")
             for place in self.places:
                 address, _, number = place.partition(" ")
                 if not address.startswith("/") or (number and not (number.isdigit() and int(number) > 0)):

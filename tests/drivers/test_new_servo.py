@@ -108,6 +108,37 @@ def test_the_profiles_bounds_are_written_when_that_is_asked(bag: Bag) -> None:
     assert (high - 2048) * per_count == pytest.approx(1.5, abs=per_count)
 
 
+@pytest.mark.parametrize("change", [{"zero": 3.0}, {"upper": None}])
+def test_bounds_that_a_servo_cant_have_are_refused(bag: Bag, change: dict[str, Any]) -> None:
+    bag.plug(0)
+    motors = bag.config.motors
+    motors["joint_1"] = motors["joint_1"].model_copy(update=change)
+    with pytest.raises(DeviceError, match="limits"):
+        bag.give("joint_1", limits=True)
+    assert bag.twin.servos[0].get("return_delay_time") == 250  # nothing was written
+
+
+def test_a_servo_that_answers_pings_alone_is_set_up(bag: Bag) -> None:
+    bag.plug(1)
+    servo = bag.twin.servos[1]
+    servo.put("status_return_level", 0)
+    if bag.family == "feetech":
+        servo.kept[:] = servo.memory
+    assert "id" in bag.give("joint_2")
+
+
+def test_a_lock_that_was_left_open_is_closed() -> None:
+    bag = Bag(feetech.make_twin(STS), NewFeetech, "feetech")
+    try:
+        bag.plug(0)
+        bag.give("joint_1")
+        bag.twin.servos[0].put("lock", 0)
+        assert bag.give("joint_1") == []
+        assert bag.twin.servos[0].get("lock") == 1
+    finally:
+        bag.twin.close()
+
+
 def test_more_than_one_servo_is_refused_and_nothing_is_written(bag: Bag) -> None:
     bag.plug(0, 1)
     with pytest.raises(DeviceError, match=r"more than one servo answers .*Connect one servo alone"):
@@ -213,7 +244,8 @@ def test_the_command_leads_through_all(
 ) -> None:
     """The first time nothing is plugged, then two at once; one is left out, and done later."""
     every = set(range(6))
-    steps = [(set(), ""), ({0, 1}, ""), *(({k}, "") for k in range(5)), ({5}, "s"), (every, "")]
+    steps = [(set(), ""), ({0, 1}, ""), ({0}, ""), ({0}, "")]  # the fourth is the servo that joint_1 is
+    steps += [*(({k}, "") for k in range(1, 5)), ({5}, "s"), (every, "")]
     monkeypatch.setattr("sys.stdin", Typist(bag, steps))
     path = profile_of(bag, tmp_path)
     with bag.bench.running(frozen=True):
@@ -221,6 +253,7 @@ def test_the_command_leads_through_all(
     reported = capsys.readouterr()
     assert "no servo answers" in reported.err
     assert "more than one servo answers" in reported.err
+    assert "this is the servo for 'joint_1', which was set up before" in reported.err
     assert "joint_5: " in reported.err
     assert "garbled" in reported.out or "'joint_6' (id 6) doesn't answer" in reported.out
     monkeypatch.setattr("sys.stdin", Typist(bag, [({5}, ""), (every, "")]))

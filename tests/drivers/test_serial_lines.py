@@ -33,7 +33,7 @@ def config(**changes: Any) -> SerialLinesConfig:
 TEXT, NMEA = config(), config(checksum="xor", prefix="$F,")
 SUM = config(checksum="sum", separator=" ")
 BINARY = config(format="binary", header="AA55", fields="<hhB", checksum="sum")
-PLAIN = config(format="binary", header="A5", fields=">fif")
+PLAIN = config(format="binary", header="A55A", fields=">fif")
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ PLAIN = config(format="binary", header="A5", fields=">fif")
         (NMEA, b"$F,1,2,3*5A\n", [1.0, 2.0, 3.0]),  # F ^ , ^ 1 ^ , ^ 2 ^ , ^ 3, as in NMEA 0183
         (SUM, b"1 2 3*D6\n", [1.0, 2.0, 3.0]),  # 0x31+0x20+0x32+0x20+0x33
         (BINARY, bytes.fromhex("AA55 0A00 F6FF 07 06"), [10.0, -10.0, 7.0]),  # 0A+F6+FF+07 = 206
-        (PLAIN, bytes.fromhex("A5 3FC00000 FFFFFFFE 00000000"), [1.5, -2.0, 0.0]),
+        (PLAIN, bytes.fromhex("A55A 3FC00000 FFFFFFFE 00000000"), [1.5, -2.0, 0.0]),
     ],
 )
 def test_bytes_written_by_hand(setting: SerialLinesConfig, data: bytes, numbers: list[float]) -> None:
@@ -107,6 +107,7 @@ def test_a_line_without_end_is_given_up() -> None:
         ({"columns": 1}, "column 2 is named"), ({"separator": "e"}, "part of a number"),
         ({"format": "binary", "header": "AA"}, "isn't < or >"), ({"counter": 4}, "column 4 is named"),
         ({"format": "binary", "header": "AA", "fields": "<hh"}, "2 numbers"),
+        ({"format": "binary", "header": "AAAA", "fields": "<hhh"}, "two bytes that differ"),
         ({"format": "binary", "fields": "<hhh"}, "where a frame begins"), ({"header": "AA"}, "binary format"),
         ({"signals": {"Force": SIGNALS["force"]}}, "signal's name"),
         ({"signals": {"f": {"elements": {"a": 1}, "unit": "N", "gain": 0}}}, "gain: 0"),

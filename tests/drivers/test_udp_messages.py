@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from srl.drivers.udp_messages import UdpMessages, UdpMessagesConfig
 from srl.drivers.udp_messages.protocol import json_message, messages, of_json, of_osc, osc_message
+from srl.drivers.udp_messages.sender_clock import SenderClock
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.sim.devices.shared.sockets import free_port
 from srl.testing import bound
@@ -74,21 +75,26 @@ def test_a_broken_packet_is_refused(data: bytes) -> None:
         of_osc(data, ["/a"])
 
 
-def test_deep_messages_are_refused_quickly() -> None:
-    with pytest.raises(ValueError, match="deep"):
-        of_json(b'{"a":' + b"[" * 60000, ["a"])
+def test_deep_and_wide_messages_are_refused() -> None:
     bundle = FREQUENCY
     for _ in range(40):
         bundle = b"#bundle\0" + bytes(8) + len(bundle).to_bytes(4, "big") + bundle
     with pytest.raises(ValueError, match="deep"):
         of_osc(bundle, ["/a"])
+    with pytest.raises(ValueError, match="arguments"):
+        of_osc(b"/a\0\0," + b"T" * 1002 + b"\0", ["/a"])
+
+
+def test_a_number_that_is_too_large_is_none() -> None:
+    assert of_json(b'{"a": 1' + b"0" * 400 + b', "b": 1e400, "c": 2}', ["a", "b", "c"]) == {"c": 2.0}
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"port": "tcp://127.0.0.1:1"}, "must read udp://"), ({"sender": "phone"}, "isn't an address"),
-        ({"format": "osc"}, "isn't an OSC address"), ({"format": "osc", "signals": PRESS, "sequence": "/n x"}, "OSC"),
+        ({"format": "osc"}, "isn't an OSC address"),
+        ({"format": "osc", "signals": PRESS, "sequence": "/n"}, "for JSON"),
         ({"signals": {}}, "at least 1"),
     ],
 )  # fmt: skip
@@ -110,9 +116,16 @@ class Sender:
     def send(self, x: float = 10.0, host: str = "127.0.0.1", **more: Any) -> None:
         self.number += 1
         content = {"hand": {"tips": [{"x": x}, {"x": -x}]}, "n": self.number} | more
+        self.say(json.dumps(content).encode(), host)
+
+    def say(self, data: bytes, host: str = "127.0.0.1") -> None:
+        """From the sender's own socket, or from another host's."""
+        if host == "127.0.0.1":
+            self.socket.sendto(data, ("127.0.0.1", self.port))
+            return
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
             made.bind((host, 0))
-            made.sendto(json.dumps(content).encode(), ("127.0.0.1", self.port))
+            made.sendto(data, ("127.0.0.1", self.port))
 
     def open(self) -> None:
         link = self.driver.connect()
@@ -202,25 +215,98 @@ def test_the_senders_clock_tells_how_old_a_sample_is() -> None:
         sender.close()
 
 
-def test_osc_is_whole_once_all_addresses_came() -> None:
+def test_of_osc_the_oldest_number_tells_the_age() -> None:
+    """Messages come apart: one that doesn't come any more makes the whole device old, and none is taken for newer."""
     sender = Sender(format="osc", signals=PRESS)
     link = sender.driver.connect()
     sender.driver.connect = lambda: link  # type: ignore[method-assign]
-
-    def send(numbers: dict[str, float]) -> None:
-        sender.socket.sendto(osc_message(numbers), ("127.0.0.1", sender.port))
-
     try:
-        send({"/foot 1": 0.1, "/foot 2": 0.2, "/tilt": 0.3})
+        sender.say(osc_message({"/foot 1": 0.1, "/foot 2": 0.2, "/tilt": 0.3}))
         sender.driver.open()
-        send({"/foot 1": 1.0, "/foot 2": 2.0})
-        send({"/other": 5.0})
-        send({"/tilt": 3.0})
-        until(lambda: sender.driver.health.frames == 1, sender.read)
+        sender.say(osc_message({"/foot 1": 1.0, "/foot 2": 2.0}))
+        sender.say(osc_message({"/other": 5.0}))
+        sender.say(osc_message({"/tilt": 3.0}))
+        began = time.monotonic_ns()
+        until(lambda: sender.driver.health.frames == 1, lambda: sender.driver.read(began))
         np.testing.assert_allclose(sender.driver.state_arrays["press"], [1.0, 2.0])
         np.testing.assert_allclose(sender.driver.state_arrays["tilt"], [3.0])
+        sender.say(osc_message({"/foot 1": 7.0, "/foot 2": 2.0}))
+        later = began + 500_000_000
+        until(lambda: sender.driver.health.frames == 2, lambda: sender.driver.read(later))
+        assert sender.driver.health.stamp == began
     finally:
         sender.close()
+
+
+def test_another_program_of_the_same_host_is_another_sender(sender: Sender) -> None:
+    sender.send(1.0)
+    taken(sender, 1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.sendto(
+            json.dumps({"hand": {"tips": [{"x": 9}, {"x": 9}]}, "n": 3000}).encode(), ("127.0.0.1", sender.port)
+        )
+    taken(sender, 2)
+    assert sender.driver.metrics()["strangers"] == 1
+    np.testing.assert_allclose(sender.driver.state_arrays["tips"][0], 0.001)
+
+
+def test_what_waited_on_its_way_is_as_old_as_it_is() -> None:
+    """By `rate`: the stamp follows from the number, and isn't the arrival."""
+    sender = Sender(rate=50.0)
+    sender.open()
+    began = time.monotonic_ns()
+    try:
+        for k in range(100):
+            sender.send(float(k))
+            frames = sender.driver.health.frames
+            now = began + 20_000_000 * k + (400_000_000 if 60 <= k < 80 else 0)  # held for 0.4 s
+            until(
+                lambda frames=frames: sender.driver.health.frames > frames,
+                lambda now=now: sender.driver.read(now), pause=0.0,
+            )  # fmt: skip
+            if k == 70:
+                assert now - sender.driver.health.stamp == pytest.approx(400e6, abs=20e6)
+    finally:
+        sender.close()
+
+
+@pytest.mark.parametrize("speed", [1000.0, 1.3, 0.0])
+def test_a_clock_that_doesnt_run_in_seconds_is_a_loss(speed: float) -> None:
+    clock = SenderClock()
+    old = 0
+    for k in range(1, 500):
+        try:
+            clock.stamp(5.0 + 0.02 * k * speed, 20_000_000 * k)
+        except ValueError:
+            old += 1  # it stands still
+    assert clock.problem or old > 490
+    fine = SenderClock()
+    for k in range(1, 500):
+        fine.stamp(5.0 + 0.02 * k * 1.0001, 20_000_000 * k + 3_000_000 * (k % 7))
+    assert not fine.problem
+
+
+def test_a_sequence_may_begin_anew_at_its_modulus() -> None:
+    sender = Sender(sequence="n", sequence_modulus=256)
+    sender.number = 253
+    sender.open()
+    try:
+        for n in (254, 255, 0, 2):
+            sender.send(float(n), n=n)
+        taken(sender, 4)
+        assert (sender.driver.health.frames, sender.driver.metrics()["gaps"]) == (4, 1)
+    finally:
+        sender.close()
+
+
+def test_a_flood_is_cut_short_and_large_datagrams_arent_read(sender: Sender) -> None:
+    sender.say(b'{"x": "' + b"a" * 9000 + b'"}')
+    taken(sender, 1)
+    assert "9009 bytes" in sender.driver.health.message
+    for k in range(200):
+        sender.send(float(k))
+    until(lambda: sender.driver.health.frames >= 64, sender.read)
+    assert sender.driver.state_arrays["tips"][0] == pytest.approx(0.199)
 
 
 def test_why_it_cant_be_opened_is_said() -> None:

@@ -42,7 +42,7 @@ unit = st.floats(-1.0, 1.0)
 
 
 @given(
-    turn=st.tuples(unit, unit, unit), size=st.floats(0.3, 3.0), shift=st.tuples(unit, unit, unit),
+    turn=st.tuples(unit, unit, unit), size=st.floats(0.51, 1.99), shift=st.tuples(unit, unit, unit),
     share=st.floats(0.0, 1.0), hand=st.sampled_from([RIGHT, LEFT]),
 )  # fmt: skip
 def test_turn_shift_and_size_make_no_difference(
@@ -68,15 +68,31 @@ def test_noise_of_a_landmark_moves_a_tip_by_as_much() -> None:
     assert 0.003 < np.mean(errors) < 0.006  # m; 2 mm in each coordinate are 3.2 mm
 
 
-def test_the_other_hand_is_no_mirror_image() -> None:
-    """A left hand's points for a right one: the palm is flat and fits, so who tells the hands apart is the device."""
-    made = law(RIGHT)
-    made.input["landmarks"][:] = points(HandModel(side="left"), 0.8)
+def test_a_mirrored_picture_of_a_closed_hand_is_no_hand() -> None:
+    """The palm is flat and fits its mirror image; the fingers would be behind the hand."""
+    own, made = points(RIGHT, 0.6), law(RIGHT)
+    made.input["landmarks"][:] = own * [-1.0, 1.0, 1.0]
     made.update(0.01)
-    assert np.abs(made.output["tips"] - points(RIGHT, 0.8)[4::4]).max() > 0.02
+    assert np.isnan(made.output["tips"]).all()
+    made.input["landmarks"][:] = own
+    made.update(0.01)
+    assert np.isfinite(made.output["tips"]).all()
 
 
-@pytest.mark.parametrize("wrong", ["nan", "squashed", "one point", "mirrored palm"])
+def test_a_hand_that_turns_round_in_one_picture_is_waited_for() -> None:
+    own, made = points(RIGHT, 0.4), law()
+    made.input["landmarks"][:] = own
+    made.update(0.01)
+    made.input["landmarks"][:] = own @ Rotation.from_euler("y", 70, degrees=True).as_matrix().T
+    for _ in range(31):
+        made.update(0.01)
+    assert made.lost
+    made.input["landmarks"][:] = own @ Rotation.from_euler("y", 50, degrees=True).as_matrix().T
+    made.update(0.01)
+    assert not made.lost
+
+
+@pytest.mark.parametrize("wrong", ["nan", "squashed", "one point", "mirrored palm", "far tip", "too large"])
 def test_what_is_no_palm_is_waited_for_then_lost(wrong: str) -> None:
     own, made = points(RIGHT, 0.5), law()
     made.input["landmarks"][:] = own
@@ -89,6 +105,10 @@ def test_what_is_no_palm_is_waited_for_then_lost(wrong: str) -> None:
         bad[:] = 0.3
     elif wrong == "one point":
         bad[17] += [0.1, 0.1, 0.0]
+    elif wrong == "far tip":
+        bad[12] = [4.9, 4.9, 4.9]
+    elif wrong == "too large":
+        bad *= 2.5
     else:
         bad[list(PALM)] = bad[list(PALM)][::-1]
     made.input["landmarks"][:] = bad
