@@ -56,7 +56,7 @@ class Sampled:
             raise DeviceLostError(self._place, problem, f"Correct 'rate'. {_SENDER}")
         if numbers != self._newest or self._fresh < 0:
             self._newest, self._fresh = numbers, now
-        if now - self._fresh > config.frozen * 1e9:
+        if config.frozen is not None and now - self._fresh > config.frozen * 1e9:
             health.message = "its numbers stand still to the last digit"
             health.errors += 1
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from math import inf, isfinite
+from math import isfinite
 from typing import Annotated, Any, Final, Generic, TypeVar
 
 import numpy as np
@@ -64,9 +64,10 @@ class NumbersConfig(DeviceConfig):
     rate: float = Field(0.0, ge=0, le=4000, description="Hz, at which it sends; 0: when it likes")
     latency: float = Field(0.0, ge=0, le=1.0, description="s, from the person to the first byte")
     silence: float = Field(1.0, ge=0.05, le=60, description="s without a sample until the device is opened anew")
-    frozen: float = Field(
-        inf, gt=0, description="s for which all numbers may stay the same to the last digit; then they are no sample"
-    )
+    frozen: float | None = Field(
+        None, gt=0, allow_inf_nan=False,
+        description="s for which all numbers may be the same to the last digit; then they are none. None: for ever",
+    )  # fmt: skip
 
     @field_validator("signals", check_fields=False)
     @classmethod

@@ -34,7 +34,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Checks the profile, prints the wiring and returns 0. Errors are raised."""
     if args.schema:
-        print(json.dumps(schema(), indent=1))
+        print(json.dumps(schema(), indent=1, allow_nan=False))  # an editor reads no Infinity
         return 0
     if args.profile is None:
         from srl.runtime.contracts.errors import ProfileError

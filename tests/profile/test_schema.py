@@ -105,3 +105,8 @@ def test_each_key_driver_law_and_part_is_described(capsys: pytest.CaptureFixture
         known = {each["const"]: each["description"] for each in every if "const" in each}
         assert set(known) == set(registry.names(group))
         assert all(known.values()), [name for name, text in known.items() if not text]
+
+
+def test_it_is_json_that_any_editor_reads() -> None:
+    """JSON has neither Infinity nor NaN, which Python would write."""
+    json.dumps(schema(), allow_nan=False)
