@@ -59,6 +59,7 @@ def test_a_device_that_isnt_there_is_named_with_those_that_are() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.serial  # a twin in real time: beside other tests it is late, and looks like a device that fails
 def test_the_servo_on_the_wire_moves_and_the_recording_replays(tmp_path: Path) -> None:
     call(
         tmp_path, "run", "servo-jog", "--twin", "--set", "motion=cycle", "--duration", "4", "--record", "run.rrd",

@@ -83,10 +83,10 @@ def test_the_keyboard_alone_reaches_all_and_shows_where_it_is(seen: Seen) -> Non
 
     def complete() -> bool:  # where pictures come late, fields are off for a moment
         reached[:] = walked(seen)
-        return "parameter jog.gain" in reached
+        return "parameter_jog.gain" in reached
 
     until(complete)
-    wanted = ["space", "front", "follow", "desk", "control", "jog", "parameter jog.gain", "list", "curves", "pause"]
+    wanted = ["space", "front", "follow", "desk", "control", "jog", "parameter_jog.gain", "list", "curves", "pause"]
     places = [reached.index(name) for name in [*wanted, "stop"]]
     assert places == sorted(places)  # as it is read
 
