@@ -50,12 +50,12 @@ class HandLandmarks(Controller):
     def __init__(self, name: str, config: HandLandmarksConfig) -> None:
         super().__init__(name, config)
         rest = PointSeries(*config.hand.geometry()).at(np.zeros(20))
-        model = np.vstack([np.zeros(3), rest])[list(PALM)]
+        whole = np.vstack([np.zeros(3), rest])
+        model = whole[list(PALM)]
         self._middle = model.mean(axis=0)
         self._A = model - self._middle  # (5, 3)
         self._spread = float((self._A**2).sum())
         self._off, self._max_hold = config.off, config.max_hold
-        whole = np.vstack([np.zeros(3), rest])
         self._longest = LONGER * np.linalg.norm(whole[_TIP] - whole[_ROOT], axis=1)  # (15,) m, of the fingers' segments
         self._behind = BEHIND * config.hand.scale
         self._R: Array | None = None  # of the picture before

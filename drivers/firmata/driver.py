@@ -107,7 +107,7 @@ class Firmata(Driver):
             protocol.set_pin_mode(button.pin, _input_mode(button)) for button in buttons.values()
         ) + b"".join(protocol.report_digital(port, True) for port in self._buttons.ports)
         if config.analog:
-            # The firmware's period is a millisecond longer than it is told.
+            # The firmware's period is a millisecond longer than it is asked for.
             self._inputs_frame += protocol.sampling_interval(max(round(config.analog_interval * 1000) - 1, 1))
             self._inputs_frame += b"".join(
                 protocol.set_pin_mode(entry.pin, Mode.ANALOG) for entry in config.analog.values()

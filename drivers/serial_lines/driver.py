@@ -89,7 +89,7 @@ class SerialLines(Linked[Transport], Sensor):
             return 0
         step = (self._counter - before) % modulus
         if self._counter == 0 and step > modulus // 2:
-            return 0  # it has begun anew
+            return 0  # it has restarted
         return step - 1 if 0 < step <= modulus // 2 else -1
 
     def metrics(self) -> dict[str, object]:

@@ -27,7 +27,7 @@ class Parser:
     def __init__(self, config: SerialLinesConfig) -> None:
         self._config = config
         self._rest = b""
-        self._begun = False  # the first line may have been begun before we listened
+        self._synced = False  # the first line may have started before we listened
         self.errors = self.others = 0
         self.why = ""
 
@@ -50,7 +50,7 @@ class Parser:
             else:
                 if sample is not None:
                     found.append(sample)
-            self._begun = True
+            self._synced = True
         return found
 
     def _line(self, line: bytes) -> list[float] | None:
@@ -77,7 +77,7 @@ class Parser:
             raise ValueError(f"a line has {len(parts)} numbers, not {config.columns}")
         if not all(_NUMBER.fullmatch(part) for part in parts):
             raise ValueError("a line has something that is no number")
-        if not self._begun and config.checksum == "none" and not config.prefix:
+        if not self._synced and config.checksum == "none" and not config.prefix:
             return None  # its first number may have been cut
         return [float(part) for part in parts]
 
@@ -107,7 +107,7 @@ class Parser:
         return reduce(xor, data, 0) if self._config.checksum == "xor" else sum(data) & 0xFF
 
     def _bad(self, why: str) -> None:
-        if self._begun or self._config.format == "binary":  # what was begun before we listened is no error
+        if self._synced or self._config.format == "binary":  # what started before we listened is no error
             self.errors += 1
             self.why = why
 

@@ -160,7 +160,7 @@ def _supervise(
         status.wait(f"{args.record} is completed")
     failed = supervisor.finish()
     status.clear()
-    if "recorder" in failed and supervisor.error is None:  # else the run hasn't begun, and says why
+    if "recorder" in failed and supervisor.error is None:  # else the run hasn't started, and says why
         status.line("the recording is NOT complete; what was saved is in its .segments folder")
     return (summary.metrics() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
 

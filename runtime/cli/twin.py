@@ -34,7 +34,7 @@ from srl.runtime.profile.source import Source
 RATE = 1000.0  # Hz, how often the world is stepped and the twins look at their ports
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
 LATE = 50_000_000  # ns behind its time, from which a client may take a device for silent
-_NOBODY = "the simulated world has no person who can be told, or several"
+_NOBODY = "the simulated world has no person who takes instructions, or several"
 _BEFORE_OTHERS = -10  # nice, where that is allowed
 _HURRY = "End other programs" + ("" if PARENT in os.environ else ", or give it priority: chrt -f 10 srl twin ...")
 LAST_WORDS = 50_000_000  # ns, how long the twins still hear what was sent before the end

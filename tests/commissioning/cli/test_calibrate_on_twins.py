@@ -98,7 +98,7 @@ def test_a_world_whose_person_takes_no_instructions_is_refused_before_it_begins(
         "p.json",
         code=2,
     )
-    assert "no person who can be told" in done.stderr
+    assert "no person who takes instructions" in done.stderr
     assert not (tmp_path / "p.json").exists()
 
 
