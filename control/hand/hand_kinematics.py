@@ -11,11 +11,10 @@ from pydantic import Field
 from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT
-from srl.runtime.models.human_hand import BEYOND, FINGERS, JOINTS, SENSORS
+from srl.runtime.models.human_hand import BEYOND, FINGERS, JOINTS, POINTS, SENSORS
 from srl.runtime.models.models import HandOption, named
 from srl.runtime.models.point_series import PointSeries
 
-POINTS: Final = ("wrist", *(f"{f}_{p}" for f in FINGERS for p in ("base", "middle", "distal", "tip")))
 _DIP: Final = 2.0 / 3.0  # DIP angle divided by PIP angle, for a glove that doesn't measure the DIP
 
 

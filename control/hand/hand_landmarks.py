@@ -7,10 +7,11 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
-from srl.control.hand.hand_kinematics import POINTS, points_signal, tips_signal
+from srl.control.hand.hand_kinematics import points_signal, tips_signal
 from srl.runtime.contracts.controller import Controller, ControllerConfig
 from srl.runtime.contracts.signals import Array, Signal
 from srl.runtime.contracts.terms import POINT
+from srl.runtime.models.human_hand import POINTS
 from srl.runtime.models.models import HandOption, named
 from srl.runtime.models.point_series import PointSeries
 

@@ -10,10 +10,8 @@ from srl.drivers.udp_messages.config import UdpMessagesConfig
 from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.contracts.terms import POINT
-from srl.runtime.models.human_hand import FINGERS
+from srl.runtime.models.human_hand import POINTS
 
-POINTS: Final = ("wrist", *(f"{finger}_{joint}" for finger in FINGERS for joint in ("base", "middle", "distal", "tip")))
-"""The landmarks in their order: the wrist, then each finger's joints from its root to its tip."""
 FROZEN: Final = 0.5  # s for which a picture may stay the same to the last digit: a camera that hangs repeats it
 REACH: Final = 5.0  # m; a landmark farther from the origin is none
 

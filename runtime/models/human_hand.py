@@ -14,6 +14,8 @@ import numpy as np
 from srl.runtime.contracts.signals import Array
 
 FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
+POINTS: Final = ("wrist", *(f"{finger}_{joint}" for finger in FINGERS for joint in ("base", "middle", "distal", "tip")))
+"""The wrist, then each finger's joints from its root to its tip: the order of MediaPipe's landmarks too."""
 
 JOINTS: Final = tuple(
     f"{finger}_{joint}"

@@ -11,8 +11,8 @@ import pytest
 from helpers.wait import until
 
 from srl.drivers.hand_camera import HandCamera, HandCameraConfig
-from srl.drivers.hand_camera.config import POINTS
 from srl.runtime.contracts.errors import DeviceError
+from srl.runtime.models.human_hand import POINTS
 from srl.sim.devices.hand_camera.fake import FakeHandCamera, FakeHandCameraOptions
 from srl.sim.devices.hand_camera.twin import HandCameraTwin
 from srl.sim.devices.shared.sockets import free_port
