@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from srl.runtime.cli import main
+from srl.runtime.contracts.errors import UNAVAILABLE
 from srl.runtime.profile import profile
 
 TEXT = profile.find("sixth-finger")[1]
@@ -215,7 +216,7 @@ def test_wrong_calls(
     monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     arguments, names = WRONG_CALLS[case]
-    assert main(arguments) == 2
+    assert main(arguments) == (UNAVAILABLE if case == "missing port" else 2)
     output = capfd.readouterr().err
     assert "Traceback" not in output
     for name in names:

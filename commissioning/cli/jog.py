@@ -64,7 +64,7 @@ def _jog(args: argparse.Namespace, twins: on_twins.Twins, say: Callable[[str], N
     made = replace(made, twins=twins.devices)
     check_guards(made.graph)
     check_certificates(made.graph)
-    name = args.instance or made.profile.name
+    name = made.profile.name if args.instance is None else args.instance
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     if args.panel:

@@ -38,7 +38,8 @@ def run(args: argparse.Namespace) -> int:
     """Changes the file, keeps what was there, and says what it did. Returns 0. Errors are raised."""
     path = Path(args.profile).resolve()  # a link stays one
     if not path.is_file():
-        raise RequestError(args.profile, "there is no such file", "Give your profile's file, such as my-limb.yaml")
+        problem = "it isn't a file" if path.exists() else "there is no such file"
+        raise RequestError(args.profile, problem, "Give your profile's file, such as my-limb.yaml")
     if not os.access(path, os.W_OK):
         raise RequestError(args.profile, "it can't be written", "Let its owner do it, or change its rights")
     label, text, folder = profile.find(str(path))

@@ -63,7 +63,8 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command. Returns 0 for success, 1 for an end in a fault, 2 for wrong input from the user."""
+    """Runs one command. Returns 0 for success, 1 for an end in a fault, 2 for wrong input from the user,
+    69 for a run whose device isn't there."""
     try:
         return _main(arguments)
     except KeyboardInterrupt:
@@ -107,7 +108,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         return code
     except SrlError as error:
         print(printable(_named(f"srl {args.command}", str(error))), file=sys.stderr)  # it may quote another's file
-        return 2
+        return error.exit_code
     except BrokenPipeError:
         # The reader of the output has gone, so there is nobody to tell.
         _mute()

@@ -33,6 +33,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Checks the profile, prints the wiring and returns 0. Errors are raised."""
+    if args.schema and args.profile is not None:
+        from srl.runtime.contracts.errors import RequestError
+
+        raise RequestError("--schema", "it is the same for every profile", "Leave the profile out")
     if args.schema:
         print(json.dumps(schema(), indent=1, allow_nan=False))  # an editor reads no Infinity
         return 0

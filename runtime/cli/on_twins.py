@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +17,13 @@ from typing import IO, Final
 
 from srl.runtime.cli import wearer
 from srl.runtime.contracts.errors import HostError, RequestError
+from srl.runtime.contracts.files import Files, decoded
 from srl.runtime.contracts.wearer import Instruction, written
 from srl.runtime.ipc.child import PARENT
 from srl.runtime.ipc.launch import Launch
 from srl.runtime.profile import profile
 from srl.runtime.profile.graph import Graph
+from srl.runtime.profile.source import Source
 
 TWO_WORLDS: Final = "a device is on its twin or simulated inside the loop, and both would have a world of their own"
 _END = 10.0  # s that they may take to end
@@ -66,7 +68,7 @@ def add_option(parser: argparse.ArgumentParser) -> None:
     """Adds `--twin` to a command."""
     parser.add_argument(
         "--twin", nargs="*", metavar="DEVICE",
-        help="the real drivers, on simulated devices that speak the wire protocol; without a name, all that have one",
+        help="the real drivers, on simulated devices that speak the wire protocol; without a name, all",
     )  # fmt: skip
 
 
@@ -99,11 +101,18 @@ def twins(
         else:
             cut.save(Path(scratch) / "launch.json")
             command += ["--launch", str(Path(scratch) / "launch.json"), "--control"]
-        yield from _served(command, name, given, say, cut is None)
+        checked, _ = profile.load(name, given) if cut is None else parsed(cut)
+        yield from _served(command, name, checked.devices, devices, given, say, cut is None)
 
 
 def _served(
-    command: list[str], name: str, given: Sequence[str], say: Callable[[str], None], whole: bool
+    command: list[str],
+    name: str,
+    every: Iterable[str],
+    devices: Sequence[str],
+    given: Sequence[str],
+    say: Callable[[str], None],
+    whole: bool,
 ) -> Iterator[Twins]:
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL if whole else subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -119,6 +128,7 @@ def _served(
         threading.Thread(target=_pass_on, args=(process.stderr, say), daemon=True).start()
         threading.Thread(target=process.stdout.read, daemon=True).start()
         found = json.loads(first)["twins"]
+        _name_the_real(every, found, bool(devices), say)
         ports = [f"devices.{device}.port={address}" for device, address in found.items()]
         start = _start(name, given, found) if whole else []  # a part says nothing of a start
         yield Twins([*start, *given, *ports], frozenset(found), process)
@@ -132,6 +142,22 @@ def _served(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+
+def parsed(cut: Launch) -> tuple[profile.Profile, Source]:
+    """A part of a profile, and what it was read from."""
+    files = Files(Path(cut.folder), decoded(cut.files, "the launch file"), run_code=True)
+    return profile.parse(cut.label, cut.text, cut.overrides, files)
+
+
+def _name_the_real(every: Iterable[str], found: Collection[str], chosen: bool, say: Callable[[str], None]) -> None:
+    """Says which devices are real beside the twins. Raises RequestError: nobody has chosen which are."""
+    real = ", ".join(device for device in every if device not in found)
+    if real and not chosen:
+        problem = f"no twin is there for {real}, so the real device would be opened"
+        raise RequestError("--twin", problem, f"Name those that are to be on twins: --twin {' '.join(found)}; or --sim")
+    if real:
+        say(f"REAL: {real}. On twins: {', '.join(found)}")
 
 
 def _start(name: str, given: Sequence[str], devices: Collection[str]) -> list[str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import signal
+import sys
 import time
 from pathlib import Path
 
@@ -55,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     """Serves until Ctrl-C, or until the demonstration is over."""
     if args.again:
         return _again(args)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # as a page that nobody needs any more ends
     if args.signal is None:
         for option, given in _of_the_screen(args):
             if given:

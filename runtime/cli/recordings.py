@@ -120,7 +120,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
     minutes, seconds = divmod(s.seconds, 60.0)
     length = f"{int(minutes)}:{seconds:04.1f}" if s.rows else "-"
     stop = f"FAULT {s.stop}" if s.fault else s.stop or ("none" if s.rows else "-")
-    name = s.profile + (" (sim)" if s.simulated else "")
+    name = s.profile + (" (sim)" if s.simulated else f" (sim: {', '.join(s.partly)})" if s.partly else "")
     return s.date or "-", name or "-", ", ".join(s.persons) or "-", length, stop, entry.name
 
 

@@ -17,7 +17,7 @@ from srl.runtime.cli.check import check_certificates, check_guards
 from srl.runtime.cli.console import Console
 from srl.runtime.cli.status import Status
 from srl.runtime.contracts import extras
-from srl.runtime.contracts.errors import RequestError
+from srl.runtime.contracts.errors import UNAVAILABLE, DeviceError, RequestError
 from srl.runtime.contracts.files import encoded
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.events import Level
@@ -81,7 +81,7 @@ def _run(args: argparse.Namespace, twins: on_twins.Twins, signals: EndSignals, s
     check_certificates(graph)
     _check_arguments(args, graph)
     _check_owners(args.person, source, graph)
-    name = args.instance or checked.name
+    name = checked.name if args.instance is None else args.instance
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     state = state_dir(name)
@@ -111,8 +111,10 @@ def _run(args: argparse.Namespace, twins: on_twins.Twins, signals: EndSignals, s
         supervisor = Supervisor(where, launch, state, telemetry, status.line)
         signals.pass_to(supervisor.end)
         result = _supervise(supervisor, latched, args, advice, status)
-        if supervisor.error is not None:
-            raise supervisor.error
+        if (error := supervisor.error) is not None:
+            if isinstance(error, DeviceError):  # another try may find it: systemd restarts the service
+                error.exit_code = UNAVAILABLE
+            raise error
         code = _report(supervisor, result, args, status)
         well = code == 0
         if args.figure is not None and record is not None:

@@ -18,10 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from srl.runtime.cli import add_command, options, wearer
+from srl.runtime.cli import add_command, on_twins, options, wearer
 from srl.runtime.contracts import registry
 from srl.runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
-from srl.runtime.contracts.files import Files, decoded
 from srl.runtime.contracts.wearer import Wearer, instruction_of
 from srl.runtime.contracts.world import Fake, Twin, World
 from srl.runtime.ipc.child import PARENT, end_with_parent
@@ -121,9 +120,7 @@ def _before_others() -> None:
 def _profile(args: argparse.Namespace) -> tuple[profile.Profile, Source]:
     if args.launch is None:
         return profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
-    launch = Launch.load(args.launch)
-    files = Files(Path(launch.folder), decoded(launch.files, "the launch file"), run_code=True)
-    return profile.parse(launch.label, launch.text, launch.overrides, files)
+    return on_twins.parsed(Launch.load(args.launch))
 
 
 def make_twins(graph: Graph, names: list[str]) -> dict[str, Twin]:

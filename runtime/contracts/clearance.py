@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from srl.runtime.contracts.options import Options
-from srl.runtime.contracts.signals import Array, Command, Signal
+from srl.runtime.contracts.signals import Array, Arrays, Command, Signal
 
 NEVER = -1  # a stamp: no sample has been taken yet, or nobody computes the signal at present
 
@@ -100,7 +100,7 @@ class Clearance(ABC):
 
     def bind(self, input: Mapping[str, Array]) -> None:
         """Takes the arrays by input name, which the runtime allocates once."""
-        self.input = input
+        self.input = Arrays(input)
 
     @abstractmethod
     def begin(self, now: int, stamps: Mapping[str, int]) -> bool:

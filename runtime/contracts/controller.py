@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final
 from srl.runtime.contracts.errors import RecordingError
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.renamed import refuse_old_names
-from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.signals import Array, Arrays, Signal
 from srl.runtime.contracts.transforms import Transform
 
 OLD_NAMES: Final = {"weigh": "update_gravity", "doubts": "warnings", "figures": "metrics"}
@@ -101,8 +101,8 @@ class Controller(ABC):
             param: 0-d arrays by parameter name.
             transform: (7,) poses by transform name.
         """
-        self.input, self.output, self.applied, self.param = input, output, applied, param
-        self.transform = transform or {}
+        self.input, self.output, self.applied, self.param = map(Arrays, (input, output, applied, param))
+        self.transform = Arrays(transform or {})
 
     @abstractmethod
     def reset(self) -> None:

@@ -6,13 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
-from types import MappingProxyType
 
 import numpy as np
 
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.renamed import refuse_old_names
-from srl.runtime.contracts.signals import Array, Command, Limits, Signal, Stop
+from srl.runtime.contracts.signals import Array, Arrays, Command, Limits, Signal, Stop
 
 
 class DeviceConfig(Options):
@@ -162,10 +161,9 @@ class Driver(ABC):
         `read` fills the state arrays. `write` sends the command arrays, which hold the guarded commands, and fills
         the sent arrays.
         """
-        self.state_arrays = states
-        self.command_arrays = commands
-        # The arrays are there to be filled: one put in their place, as the command's own, would be cleared each cycle.
-        self.sent_arrays = MappingProxyType({c.name: np.full(c.shape, np.nan) for c in self.commands})
+        self.state_arrays = Arrays(states)
+        self.command_arrays = Arrays(commands)
+        self.sent_arrays = Arrays({c.name: np.full(c.shape, np.nan) for c in self.commands})
 
     @abstractmethod
     def open(self) -> None:

@@ -1,6 +1,6 @@
 """Errors a user can act on: each names the place, what is wrong there, and the remedy.
 
-The command line prints `str(error)` and ends with exit code 2, without a traceback. Any other exception is
+The command line prints `str(error)` and ends with the error's exit code, without a traceback. Any other exception is
 a defect of this program, and its traceback is shown.
 """
 
@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+
+UNAVAILABLE = 69
+"""Exit code of a run whose device isn't there, which a later try may find (EX_UNAVAILABLE of sysexits.h)."""
 
 
 def _line(text: str, most: int = 1000) -> str:
@@ -28,7 +31,10 @@ class SrlError(Exception):
         place: where it is wrong ("sixth-finger.yaml: devices.glove.port", "glove (/dev/ttyUSB0)").
         problem: what is wrong and what was expected.
         remedy: what the reader can do about it.
+        exit_code: what the command line ends with.
     """
+
+    exit_code = 2
 
     def __init__(self, place: str, problem: str, remedy: str) -> None:
         self.place, self.problem, self.remedy = _line(place, 400), _line(problem), _line(remedy, 2000)

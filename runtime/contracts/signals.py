@@ -4,13 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _RESERVED = frozenset(",[]")
+
+
+class Arrays(dict[str, Array]):
+    """Arrays by name, which the loop has bound: their values are written, and none is put in another's place.
+
+    Another array in its place would be nobody's: the loop would go on with the values of before.
+    """
+
+    def __setitem__(self, name: str, value: Array) -> None:
+        if self.get(name) is not value:  # it is after `+=`
+            self._fixed()
+
+    def _fixed(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("the arrays stay as they were bound. Write the values: output['NAME'][:] = ...")
+
+    __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _fixed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from srl.runtime.contracts.driver import DeviceConfig, Driver
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.frames import Frames
 from srl.runtime.contracts.renamed import refuse_old_names
-from srl.runtime.contracts.signals import Array, Signal
+from srl.runtime.contracts.signals import Array, Arrays, Signal
 from srl.runtime.contracts.wearer import Wearer
 
 
@@ -65,7 +65,7 @@ class World(ABC):
 
     def bind(self, truth: Mapping[str, Array]) -> None:
         """Takes the arrays that `advance` fills."""
-        self.truth_arrays = truth
+        self.truth_arrays = Arrays(truth)
 
     @abstractmethod
     def advance(self, until: int) -> None:

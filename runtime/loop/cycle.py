@@ -92,7 +92,15 @@ class Cycle:
         self._feedback = Feedback(graph, limits, self.guards, report)
         self._clearances = [ClearanceMonitor(graph, a, report) for a in graph.actuators]
         self._laws = [
-            (law.controller, compiled or law.controller, law.reads, law.measured, law.writes)
+            (
+                law.controller,
+                compiled or law.controller,
+                law.controller.input,
+                law.controller.output,
+                law.reads,
+                law.measured,
+                law.writes,
+            )
             for law, compiled in zip(graph.laws, self._backends.laws, strict=True)
         ]
         self._gravity_laws = [
@@ -214,7 +222,7 @@ class Cycle:
         self._gravity_ok = True
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
         fresh = self._was is not State.ACTIVE
-        for i, (controller, law, reads, measured, writes) in enumerate(self._laws):
+        for i, (controller, law, input, output, reads, measured, writes) in enumerate(self._laws):
             try:
                 for index, array in reads:
                     floats.take(index, 0, array, "clip")
@@ -223,6 +231,8 @@ class Cycle:
                 if fresh:
                     law.reset()
                 law.update(dt)
+                if controller.output is not output or controller.input is not input:
+                    raise TypeError("it has put something else in the place of self.output or self.input")
                 for index, array in writes:
                     floats[index] = array
             except Exception:

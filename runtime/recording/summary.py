@@ -41,7 +41,8 @@ class Summary:
     Attributes:
         profile: its name.
         persons: anonymous ids of those whose it is or whose calibration is in it.
-        simulated: whether every device was.
+        simulated: whether every device was, or on its twin.
+        partly: the devices that were, where not every one was.
         began: Unix time, ns; 0 where nothing can be read.
         seconds: from the first row to the last, of the loop's clock.
         rows: that can be read.
@@ -53,6 +54,7 @@ class Summary:
     profile: str = ""
     persons: tuple[str, ...] = ()
     simulated: bool = False
+    partly: tuple[str, ...] = ()
     began: int = 0
     seconds: float = 0.0
     rows: int = 0
@@ -236,11 +238,12 @@ class _Sum:
             except (KeyError, IndexError):
                 pass  # a layout of an earlier version doesn't name it
         return Summary(
-            str(meta.get("name", "")), persons(self._layout), _simulated(self._layout),
+            str(meta.get("name", "")), persons(self._layout), *_simulated(self._layout),
             self._first + int(meta.get("wall", 0)), (self._last - self._first) / 1e9, self.rows, text,
             number != 0 and cause not in NO_FAULT, problem, remedy if problem else "",
         )  # fmt: skip
 
 
-def _simulated(layout: Layout) -> bool:
-    return bool(layout.simulated) and layout.simulated == layout.devices
+def _simulated(layout: Layout) -> tuple[bool, tuple[str, ...]]:
+    every = bool(layout.simulated) and layout.simulated == layout.devices
+    return every, () if every else tuple(layout.simulated)

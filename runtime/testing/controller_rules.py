@@ -67,10 +67,13 @@ def repeats_exactly(law: Controller, inputs: Values, start: Values, other: Contr
 
 def writes_only_its_outputs(law: Controller, inputs: Values, start: Values) -> None:
     """Inputs, what was applied, parameters and transforms are the row's: other parts read them, too."""
+    bound = law.output
     _begin(law, inputs, start)
     given = {"input": law.input, "applied": law.applied, "param": law.param, "transform": law.transform}
     before = {(what, key): array.tobytes() for what, arrays in given.items() for key, array in arrays.items()}
     law.update(PERIOD)
+    for what, arrays in (given | {"output": bound}).items():
+        assert getattr(law, what) is arrays, f"{_name(law)} has put something else in the place of self.{what}"
     for (what, key), content in before.items():
         assert given[what][key].tobytes() == content, (
             f"{_name(law)} has changed its {what} '{key}', which it may only read"

@@ -14,6 +14,7 @@ from helpers.wait import until
 
 from srl.recordings import read
 from srl.runtime.cli import on_twins
+from srl.runtime.contracts.errors import RequestError
 from srl.runtime.ipc.header import State
 from srl.runtime.profile import profile, wiring
 
@@ -28,6 +29,15 @@ from srl.runtime.profile import profile, wiring
 )
 def test_what_contradicts_twins_is_refused(more: list[str], words: str) -> None:
     assert words in refused("run", "servo-jog", "--twin", *more)
+
+
+def test_a_device_without_a_twin_is_not_opened_unless_others_are_named() -> None:
+    said: list[str] = []
+    with pytest.raises(RequestError, match="no twin is there for arm, so the real device would be opened"):
+        on_twins._name_the_real(("suit", "arm"), {"suit"}, False, said.append)
+    on_twins._name_the_real(("suit", "arm"), {"suit"}, True, said.append)
+    on_twins._name_the_real(("suit", "arm"), {"suit", "arm"}, False, said.append)
+    assert said == ["REAL: arm. On twins: suit"]
 
 
 @pytest.mark.parametrize("devices", [{"suit"}, {"arm"}, set()])

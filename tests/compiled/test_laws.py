@@ -131,7 +131,7 @@ MOCAS: list[dict[str, Any]] = [
 def moca(options: dict[str, Any], robot: Any, mount: Sequence[float]) -> MocaImpedance:
     law = bound(MocaImpedance("body", MocaImpedanceConfig.model_validate({"robot": robot, **options})), mount=mount)
     for name in ("torque", "base_twist"):
-        cast(dict[str, Array], law.applied)[name] = np.zeros_like(law.output[name])
+        law.applied = {**law.applied, name: np.zeros_like(law.output[name])}
     return law
 
 
@@ -198,7 +198,7 @@ KAIROS: list[dict[str, Any]] = [
 def kairos(options: dict[str, Any], robot: Any, guarded: bool) -> KairosClik:
     law = bound(KairosClik("body", KairosClikConfig.model_validate({"robot": robot, **options})))
     for name in ("velocity", "base_twist") if guarded else ():
-        cast(dict[str, Array], law.applied)[name] = np.zeros_like(law.output[name])
+        law.applied = {**law.applied, name: np.zeros_like(law.output[name])}
     return law
 
 

@@ -45,7 +45,7 @@ class Chain:
         self.law = bound(law)
         for name in ("torque", "velocity", "base_twist"):
             if name in law.output:
-                cast(dict[str, Array], law.applied)[name] = law.output[name].copy()
+                law.applied = {**law.applied, name: law.output[name].copy()}
         self.keys = bound(GuideButtons("buttons", GuideButtonsConfig()))
         self.tool = bound(ToolPose("tool", ToolPoseConfig(robot=robot)), mount=MOUNT)
         self.admittance = bound(Admittance("admittance", AdmittanceConfig(**(admittance or {}))))

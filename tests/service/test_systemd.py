@@ -213,6 +213,16 @@ def test_a_wrong_profile_is_not_tried_again(machine: Machine) -> None:
     assert "/etc/srl/wrong.yaml" in machine.call("journalctl --unit srl@wrong --no-pager")
 
 
+def test_a_device_that_comes_later_is_waited_for(machine: Machine) -> None:
+    machine.call(f"systemctl stop {UNIT}; systemctl reset-failed {UNIT}; systemctl stop twins")
+    machine.call(f"systemctl start {UNIT}", code=1)
+    assert unit(machine, "ExecMainStatus") == "69"
+    until(lambda: int(unit(machine, "NRestarts")) >= 1, what="another try")
+    machine.call(TWINS)
+    until(lambda: show(machine)["state"] == "ready", what="its rows")
+    assert set(pids(machine)) == {"supervisor", "loop", "bus"}
+
+
 def test_the_journal_has_fields_to_search_by(limb: Machine) -> None:
     """An instance, its state and cause are fields: no text is searched."""
     limb.call(f"srl stop {NAME}")

@@ -49,6 +49,8 @@ class Follow(Controller):
             self.output["q"][0] += 1e-9 * self.cycles
         if self.fault == "each is another":
             self.output["q"][0] += 1e-9 * self.number
+        if self.fault == "has an output of its own" and dt > 1e-6:
+            self.output = {"q": self.output["q"].copy()}
         if self.fault == "writes its input" and dt > 1e-6:
             self.input["x"][0] = 0.0
         if self.fault == "writes what was applied" and dt > 1e-6:
@@ -73,6 +75,7 @@ LAW_FAULTS = [
     ("test_it_recovers_from_nan", "keeps a NaN", "after its input 'x' was NaN for 20 cycles: a NaN is kept"),
     ("test_it_repeats_exactly", "remembers the run before", "after a reset"),
     ("test_it_repeats_exactly", "each is another", "a second one"),
+    ("test_it_writes_only_its_outputs", "has an output of its own", "in the place of self.output"),
     ("test_it_writes_only_its_outputs", "writes its input", "changed its input 'x'"),
     ("test_it_writes_only_its_outputs", "writes what was applied", "changed its applied 'q'"),
 ]

@@ -34,7 +34,7 @@ def shelf(folder: Path, profile: str) -> dict[str, Any]:
         {
             "name": entry.name, "date": entry.summary.date, "seconds": entry.summary.seconds, "bytes": entry.size,
             "stop": entry.summary.stop, "fault": entry.summary.fault, "problem": entry.summary.problem,
-            "remedy": entry.summary.remedy, "simulated": entry.summary.simulated,
+            "remedy": entry.summary.remedy, "simulated": entry.summary.simulated, "partly": list(entry.summary.partly),
         }
         for entry in reversed(found)
     ]  # fmt: skip

@@ -60,7 +60,7 @@ class OperatorServer(PictureServer):
         self._counts: dict[Peer, deque[float]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._busy: set[str] = set()  # requests that are under way: one of each kind
-        self._newest: tuple[Peer, str, float] | None = None  # a parameter that waits for the one before
+        self._newest: dict[str, tuple[Peer, float]] = {}  # by parameter: what waits for the change before
         self._of: Layout | None = None  # the layout that was told last
         self._joints: list[dict[str, Any]] = []
         self._takes, self._looked = False, 0.0
@@ -209,13 +209,14 @@ class OperatorServer(PictureServer):
         elif not self._has_control(peer):
             _answer(peer, "set", f"{name}: {_NO_CONTROL}")
         else:
-            self._newest = peer, name, value  # one at a time; of those that wait the newest
+            self._newest[name] = peer, value  # one at a time; of those of a parameter that wait the newest
             self._once("set", self._change())
 
     async def _change(self) -> None:
         loop = asyncio.get_running_loop()
-        while self._newest is not None:
-            (peer, name, value), self._newest = self._newest, None
+        while self._newest:
+            name = next(iter(self._newest))
+            peer, value = self._newest.pop(name)
             if not self._has_control(peer):
                 continue  # it has lost the control meanwhile
             try:

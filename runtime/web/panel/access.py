@@ -38,6 +38,8 @@ class Access:
         self._token = ""
         # Called as a browser is let in: with its transport, and whether by the key or token, else the cookie.
         self.entered: Callable[[asyncio.BaseTransport | None, bool], object] = lambda *_: None
+        # Called as a browser takes the place of the one before.
+        self.replaced: Callable[[], object] = lambda: None
 
     def address(self) -> str:
         """Returns a new address, good for one browser once; the one before is worth nothing from now on."""
@@ -78,6 +80,7 @@ class Access:
             raise web.HTTPForbidden(text=_SPENT)
         self.entered(request.transport, True)
         self._token, self._secret, self._key = "", secrets.token_urlsafe(24), secrets.token_urlsafe(24)
+        self.replaced()
         page = await handler(request)
         assert isinstance(page, web.Response)
         page.text = (page.text or "").replace("<head>", f'<head>\n<meta name="key" content="{self._key}">', 1)

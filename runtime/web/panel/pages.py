@@ -98,7 +98,7 @@ class PageServer(ABC):
                 again.answering(self._folder, self.called, self.address),
             ):
                 self._door = door
-                self._access.entered = door.let_in
+                self._access.entered, self._access.replaced = door.let_in, self._close_pages
                 follower = asyncio.create_task(self._follow())
                 try:
                     yield follower
@@ -109,6 +109,13 @@ class PageServer(ABC):
         finally:
             self._stops.shutdown(wait=False)
             self.close()
+
+    def _close_pages(self) -> None:
+        """Another browser has the page from now on: those that are open have nothing to say any more."""
+        for peer in self.peers:
+            task = asyncio.create_task(_close(peer))
+            self._stopping.add(task)
+            task.add_done_callback(self._stopping.discard)
 
     async def _file(self, request: web.Request) -> web.Response:
         name, kind = self.files[request.path]
@@ -166,6 +173,11 @@ class PageServer(ABC):
             if self._door is not None:
                 self._door.look(time.monotonic())
             await asyncio.sleep(POLL)
+
+
+async def _close(peer: Peer) -> None:
+    with contextlib.suppress(ConnectionError):
+        await peer.socket.close(code=1008, message=b"another browser has the page")
 
 
 @asynccontextmanager

@@ -13,7 +13,7 @@ DT = 0.01
 
 def gripper(at: float = 0.0, **options: float) -> Gripper:
     controller = bound(Gripper("gripper", GripperConfig(**options)))
-    controller.applied["closure"] = np.array([at])  # type: ignore[index]
+    controller.applied = {"closure": np.array([at])}
     controller.reset()
     return controller
 

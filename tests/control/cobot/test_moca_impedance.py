@@ -104,7 +104,7 @@ def test_eta_decides_who_moves() -> None:
 def law(q: Array = PANDA.home, yaw: float = 0.0, **options: Any) -> MocaImpedance:
     """At rest, with its inputs as `tool-pose` gives them, and nothing wired to its outputs' devices but the base."""
     controller = bound(MocaImpedance("moca", MocaImpedanceConfig(**options)))
-    controller.applied["base_twist"] = np.zeros(3)  # type: ignore[index]
+    controller.applied = {**controller.applied, "base_twist": np.zeros(3)}
     place(controller, q, yaw)
     controller.input["desired_pose"][:] = controller.input["pose"]
     controller.reset()

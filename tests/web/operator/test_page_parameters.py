@@ -110,6 +110,26 @@ def test_a_large_jump_is_asked_about(bounded: Seen) -> None:
     assert sets(bounded) == [1.9]
 
 
+def test_the_enter_that_asked_doesnt_answer_while_it_is_held(bounded: Seen) -> None:
+    typed(bounded, "1.9")
+    bounded.page.ask("Input.dispatchKeyEvent", type="keyDown", **ENTER)
+    bounded.says("fields", "large jump")
+    for _ in range(3):
+        bounded.page.ask("Input.dispatchKeyEvent", type="keyDown", autoRepeat=True, **ENTER)
+    bounded.page.ask("Input.dispatchKeyEvent", type="keyUp", **ENTER)
+    assert sets(bounded) == []
+    enter(bounded)
+    until(lambda: sets(bounded) == [1.9])
+
+
+@pytest.mark.parametrize("words", ["1,000", "0x1", "1.3.1", "13a"])
+def test_what_is_no_number_is_not_sent(bounded: Seen, words: str) -> None:
+    typed(bounded, words)
+    enter(bounded)
+    bounded.says("fields", "no number")
+    assert sets(bounded) == []
+
+
 def test_a_question_goes_with_the_control(bounded: Seen) -> None:
     typed(bounded, "1.9")
     enter(bounded)

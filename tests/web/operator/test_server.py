@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from srl.runtime.ipc.presses import FRESH
 from srl.runtime.recorder.stream import Stream
 from srl.runtime.web.operator.client import OperatorPage
 from srl.runtime.web.operator.server import FLOOD, OperatorServer
+from srl.runtime.web.panel import again
 
 # What a page may say
 
@@ -110,6 +112,17 @@ def test_control_goes_to_the_tab_that_takes_it_and_ends_with_it(page: OperatorPa
 
 
 @pytest.mark.slow
+def test_the_browser_that_takes_a_new_address_ends_the_one_before(loop: OperatedLoop, page: OperatorPage) -> None:
+    async def replaced(tab: Socket) -> int | None:
+        await take(tab)
+        ((_, address),) = await asyncio.to_thread(again.ask, loop.folder)
+        await ponged(tab)  # the address alone changes nothing
+        assert (await asyncio.to_thread(get, page, f"/?{urlsplit(address).query}")).status == 200
+        return await closed(tab)
+
+    assert talk(page, replaced) == 1008
+
+
 def test_of_several_panels_of_a_run_one_has_control(loop: OperatedLoop, page: OperatorPage, tmp_path: Path) -> None:
     refused: list[str] = []
 

@@ -80,7 +80,7 @@ export class Operator {
       const stop = r.fault ? `FAULT: ${r.stop}` : r.stop || "no stop";
       head.append(made("b", "", r.date || "no date"), made("span", r.fault ? "bad" : "quiet", stop));
       const length = `${minutes}:${(r.seconds - 60 * minutes).toFixed(1).padStart(4, "0")}`;
-      line.append(head, made("span", "quiet", `${length} · ${size(r.bytes)}${r.simulated ? " · simulated" : ""} · ${r.name}`));
+      line.append(head, made("span", "quiet", `${length} · ${size(r.bytes)}${r.simulated ? " · simulated" : r.partly.length ? ` · simulated: ${r.partly.join(", ")}` : ""} · ${r.name}`));
       if (r.problem) line.append(made("span", "bad", `${r.problem}. ${r.remedy}.`));
       return line;
     }));
@@ -100,10 +100,11 @@ export class Operator {
     part.answer.className = this.answered[2] ? "well" : "bad";
     if (!newest) return;
     const { health, devices } = newest, may = linked && this.yours;
-    text(part.means, health.means);
-    text(part.why, health.why);
-    text(part.stands, health.stands && `Still standing: ${health.stands}.`);
-    text(part.todo, health.todo);
+    part.banner.classList.toggle("old", !linked);
+    text(part.means, linked ? health.means : "How it is now isn't known.");
+    text(part.why, linked ? health.why : `Last seen: ${health.means} ${health.why}`);
+    text(part.stands, linked && health.stands ? `Still standing: ${health.stands}.` : "");
+    text(part.todo, linked ? health.todo : "");
     for (const what of ["start", "reset"]) {
       part[what].disabled = !(may && ALLOWED[health.now] === what);
       part[what].hidden = (what === "start") !== (health.now === "ready" || health.now === "starting");

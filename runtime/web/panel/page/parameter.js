@@ -5,6 +5,7 @@ import { button, made, measure, text } from "/part.js";
 const WAIT = 3000; // ms that an answer may take, before the field goes back to what the loop has
 const STEPS = 50; // about, from one bound to the other
 const JUMP = 0.25; // of the way between the bounds; a larger change is asked about
+const NUMBER = /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d{1,3})?$/i, GROUPS = /^[-+]?\d{1,3}(,\d{3})+$/;
 const FACTOR = 2; // the same of one without bounds
 
 export class Parameter {
@@ -43,6 +44,7 @@ export class Parameter {
       this.ask(wanted);
       this.input.focus();
     });
+    this.yes.addEventListener("keydown", (event) => { if (event.repeat) event.preventDefault(); }); // the Enter that asked, held
     this.set.addEventListener("pointerdown", (event) => event.preventDefault()); // the field keeps the focus, and what stands there
     this.question = made("p");
     const answers = made("div", "row");
@@ -58,16 +60,16 @@ export class Parameter {
 
   pressed(event) {
     const steps = { ArrowUp: 1, ArrowDown: -1, PageUp: 5, PageDown: -5 }[event.key];
-    if (event.key === "Enter") this.typed();
+    if (event.key === "Enter") { if (!event.repeat) this.typed(); }
     else if (steps && this.bounded) this.by(steps);
     else return;
     event.preventDefault();
   }
 
-  // The number that stands in the field; null where none does: an empty field isn't 0.
+  // The number that stands in the field; null where none does: an empty field isn't 0, and 1,000 may be 1 or 1000.
   wanted() {
-    const raw = this.input.value.trim().replace(",", ".");
-    return raw !== "" && Number.isFinite(Number(raw)) ? Number(raw) : null;
+    const raw = this.input.value.trim();
+    return NUMBER.test(raw) && !GROUPS.test(raw) ? Number(raw.replace(",", ".")) : null;
   }
 
   by(steps) {
@@ -120,7 +122,7 @@ export class Parameter {
     for (const key of [this.input, this.down, this.up, this.set]) key.disabled = !may;
     const edits = this.row.contains(document.activeElement) && this.input.value !== this.own;
     this.sure.hidden = this.doubt === null;
-    text(this.asked, waits && this.sent !== has ? `asked ${this.words(this.sent)}` : edits ? "not set yet" : "");
+    text(this.asked, waits && this.sent !== has ? `asked ${this.words(this.sent)}` : edits ? (this.wanted() === null ? "no number" : "not set yet") : "");
     if (!waits && !edits && has !== null) this.input.value = this.own = String(Number(has.toPrecision(12)));
     if (this.bounded && has !== before && has !== null) this.bar.firstChild.style.width = `${100 * (has - this.given.lower) / (this.given.upper - this.given.lower)}%`;
   }

@@ -13,7 +13,7 @@ const OLD = 250; // ms of a row's age from which it isn't shown as if it were no
 const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) => [e.id, e]));
 const eye = new Eye(part.space), curves = new Curves(part.curves, part.pause), legend = new Legend(part, eye);
 let space = null; // what draws, once it is known what there is to draw with
-let scene = null, newest = null, stopWords = "", frames = 0;
+let scene = null, newest = null, stopWords = "", asked = -1, frames = 0; // asked: the newest row when a stop was answered
 let drawn = {}; // of which row, seen from where
 
 const operator = new Operator(part, (message) => link.say(message));
@@ -32,7 +32,7 @@ function hear(message) {
 }
 
 function show(given) {
-  [scene, newest, stopWords] = [given, null, ""];
+  [scene, newest, stopWords, asked] = [given, null, "", -1];
   document.title = part.name.textContent = given.name;
   curves.show(given.plots, given.palette);
   operator.show(given);
@@ -59,6 +59,7 @@ async function draws(given) {
 async function stop() {
   stopWords = "Stopping …";
   stopWords = await askStop(link);
+  asked = newest ? newest.cycle : -1;
 }
 
 addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); }, true);
@@ -98,7 +99,8 @@ function frame() {
     const simulated = scene.simulated.length ? "simulated · " : "";
     text(part.facts, `${simulated}${Number(scene.rate.toFixed(1))} Hz · cycle ${newest.cycle}`);
   }
-  text(part.warning, stopWords || (words && words + asItWas));
+  if (current && newest.cycle > asked && newest.state === "stopped") stopWords = ""; // it has come to pass
+  text(part.warning, [stopWords, words && words + asItWas].filter(Boolean).join(". "));
   part.warning.className = kind === "held" && !stopWords ? "mild" : "";
   operator.draw(current, performance.now());
   guide.draw(Boolean(link.socket), operator.yours, !scene || !scene.things.length, kind === "stopped");
