@@ -29,6 +29,7 @@ BENCHES: Final[dict[str, Bench]] = {
     "clock-1khz": Bench("bench.clock:run", (1000,), quick=True),
     "collision": Bench("bench.collision:run"),
     "compiled": Bench("bench.compiled:run", quick=True),
+    "cue": Bench("bench.cue:run"),
     "drivers": Bench("bench.drivers:run"),
     "dynamixel": Bench("bench.dynamixel:run", quick=True),
     "growth": Bench("bench.growth:run"),

@@ -50,7 +50,10 @@ napoleon_use_ivar = True
 GROUPS = {
     "Start": ["install", "half-hour", "so101", "profiles", "commands", "compared"],
     "Safety": ["safety", "guard", "collision"],
-    "Worn limbs": ["worn-arm", "skeleton", "independent-operation", "intention", "ikns-finger", "strap-base"],
+    "Worn limbs": [
+        "worn-arm", "skeleton", "independent-operation", "intention", "ikns-finger", "strap-base",
+        "feedback",
+    ],
     "Control laws": ["signal-laws", "object-mapping", "ikns", "super-man", "arm-laws", "whole-body-qp", "compiled"],
     "Set up and calibrate": [
         "calibrate", "calibrate-glove", "calibrate-servos", "calibrate-suit", "calibrate-emg", "calibrate-frames",

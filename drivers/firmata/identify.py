@@ -75,7 +75,7 @@ def who(port: str) -> str:
 
 _CAN = {
     Mode.SERVO: "drive a servo", Mode.PULL_UP: "pull up an input", Mode.INPUT: "be an input",
-    Mode.ANALOG: "read a voltage",
+    Mode.ANALOG: "read a voltage", Mode.PWM: "drive a motor",
 }  # fmt: skip
 
 

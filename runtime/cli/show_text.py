@@ -153,7 +153,7 @@ def _guard(command: Item) -> Iterator[str]:
     yield from _wrapped(2, f"guard {command['name']}: {command['kind']}, {command['unit']}; stop: {command['stop']}")
     if command["limits"]:
         yield from _table(command["limits"])
-    if not {"lower", "upper"} & set(command["limits"]):
+    if command["kind"] != "intensity" and not {"lower", "upper"} & set(command["limits"]):
         yield "    no bound of the position before the device is open"
     if (following := command["following_error"]) is not None:
         far = f"further from its command than {_short(following['window'])} for {following['timeout']:g} s"

@@ -109,6 +109,7 @@ class Kind(StrEnum):
     POSITION = "position"
     VELOCITY = "velocity"
     TORQUE = "torque"
+    INTENSITY = "intensity"  # what the wearer feels: vibration, squeeze, electrotactile; 0 to 1
 
 
 class Stop(StrEnum):
@@ -119,6 +120,7 @@ class Stop(StrEnum):
     LIMP = "limp"  # no torque (with gravity compensation where the device offers it)
     RETRACT = "retract"  # go to the rest configuration slowly
     BRAKE = "brake"  # ramp the velocity to zero; the device may then brake by itself
+    OFF = "off"  # no output at once; of what the wearer feels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +130,8 @@ class Limits:
     Units follow the command. `lower` and `upper` bound the position (rad or m), for kinds position, velocity
     and torque alike. `velocity`, `acceleration` and `jerk` bound its derivatives. `effort` bounds the torque
     (N m), `effort_rate` its rate (N m/s). `inertia` (kg m^2 or kg) is the least inertia that the joint moves;
-    it bounds the damping of a torque command.
+    it bounds the damping of a torque command. The last four are an intensity's: `level` (1) its most, `level_rate`
+    (1/s) how fast it rises, `on_time` (s) how long it is on without a pause, `duty` (1) its mean.
     """
 
     lower: Array | None = None
@@ -139,6 +142,10 @@ class Limits:
     effort: Array | None = None
     effort_rate: Array | None = None
     inertia: Array | None = None
+    level: Array | None = None
+    level_rate: Array | None = None
+    on_time: Array | None = None
+    duty: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +153,7 @@ class Command(Signal):
     """A signal that a device obeys.
 
     Attributes:
-        kind: position, velocity or torque.
+        kind: position, velocity, torque or intensity.
         feedback: the device's state signal that measures the same coordinates; None for a device
             without feedback (a hobby servo). A command without feedback starts at the profile's `home`.
         stops: the stop categories this interface supports, the default first.
@@ -173,3 +180,8 @@ class Command(Signal):
     window: float | tuple[float, ...] | None = None
     resolution: float | tuple[float, ...] = 0.0
     ordered: bool = False
+
+    @property
+    def unseen(self) -> bool:
+        """Whether it moves something, and nothing measures where that is."""
+        return self.feedback is None and self.kind is not Kind.INTENSITY

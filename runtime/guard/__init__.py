@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from srl.runtime.contracts.signals import Kind
 from srl.runtime.guard.base import CommandGuard
+from srl.runtime.guard.intensity import IntensityGuard
 from srl.runtime.guard.limits import GuardLimits, merge
 from srl.runtime.guard.position import PositionGuard
 from srl.runtime.guard.torque import TorqueGuard
@@ -13,6 +14,7 @@ __all__ = [
     "GUARDS",
     "CommandGuard",
     "GuardLimits",
+    "IntensityGuard",
     "PositionGuard",
     "TorqueGuard",
     "VelocityGuard",
@@ -24,4 +26,5 @@ GUARDS: dict[Kind, type[CommandGuard]] = {
     Kind.POSITION: PositionGuard,
     Kind.VELOCITY: VelocityGuard,
     Kind.TORQUE: TorqueGuard,
+    Kind.INTENSITY: IntensityGuard,
 }

@@ -12,6 +12,7 @@ import numpy as np
 from srl.runtime.contracts.clearance import Clearance
 from srl.runtime.contracts.errors import DeviceError, WiringError
 from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Stop
+from srl.runtime.guard.limits import INTENSITY, NAMES
 from srl.runtime.guard.sent import SentTracker, rounding
 from srl.runtime.guard.verified import VerifiedStop
 
@@ -19,7 +20,7 @@ PROMPT = 2  # periods: a limb commanded by position waits in a longer cycle, and
 LONGEST = 5  # periods: a longer pause is not made up for, the motion continues from where the device is
 SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
-RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
+RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia", *INTENSITY)
 SMALLEST, LARGEST = 1e-9, 1e9  # limits that a device gives must lie in between, in any unit
 
 
@@ -103,6 +104,11 @@ class CommandGuard(ABC):
         if missing:
             problem = f"a {command.kind} command needs {', '.join(missing)}; neither profile nor device limits it"
             raise WiringError(place, problem, f"Add {missing[0]} to {place} in the profile")
+        own = (command.kind is Kind.INTENSITY, INTENSITY)
+        foreign = [name for name in NAMES if (name in own[1]) is not own[0] and getattr(limits, name) is not None]
+        if foreign:
+            problem = f"a command of kind {command.kind} has no {foreign[0]}"
+            raise WiringError(place, problem, f"Take {foreign[0]} out; it is bounded by: {', '.join(self.needs)}")
         self.lower = self._flat("lower", limits.lower, -inf)
         self.upper = self._flat("upper", limits.upper, inf)
         self.max_velocity = self._flat("velocity", limits.velocity, inf)
@@ -275,7 +281,7 @@ class CommandGuard(ABC):
         if parted and self._stopping and self.command.kind is not Kind.POSITION:
             # A stop goes on, whatever leaves: it may begin anew nearer to zero, never further from it.
             restart_at = self._tracker.restart_at
-            velocity = self.command.kind is Kind.VELOCITY
+            velocity = self.command.kind in (Kind.VELOCITY, Kind.INTENSITY)
             parted = [i for i in parted if velocity and abs(restart_at[i]) < abs(applied[i])]
         if parted:
             if self.fast is not None:

@@ -10,7 +10,10 @@ from srl.runtime.contracts.errors import OptionError, WiringError
 from srl.runtime.contracts.per_element import Finite, Positive, in_order
 from srl.runtime.contracts.signals import Array, Limits
 
-NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
+INTENSITY = ("level", "level_rate", "on_time", "duty")
+"""The limits of what the wearer feels, which has no other, and no other command has these."""
+
+NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia", *INTENSITY)
 
 Anywhere = Finite | list[Finite] | dict[str, Finite] | None
 Above0 = Positive | list[Positive] | dict[str, Positive] | None
@@ -34,6 +37,10 @@ class GuardLimits(BaseModel):
     inertia: Above0 = Field(
         None, description="kg m^2 or kg, the least that the joint moves alone; bounds the damping of torque stops"
     )
+    level: Above0 = Field(None, description="of an intensity: the most, up to 1")
+    level_rate: Above0 = Field(None, description="of an intensity, 1/s: how fast it rises; it falls at once")
+    on_time: Above0 = Field(None, description="of an intensity, s: the longest without a pause")
+    duty: Above0 = Field(None, description="of an intensity: its mean over some 10 s, at most")
     tolerance: Positive = Field(1e-3, le=1.0, description="a command changed by more than this counts as limited")
 
     def to_limits(

@@ -14,6 +14,7 @@ from srl.runtime.contracts.compiled import Backend
 from srl.runtime.contracts.controller import Controller
 from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Kind, Limits, Stop
+from srl.runtime.guard import IntensityGuard
 from srl.runtime.ipc import latches
 from srl.runtime.ipc.header import (
     CYCLE,
@@ -79,10 +80,11 @@ class Cycle:
         granted = latches.of_names(profile.reset.bus)
         self.machine = Machine(profile.faults, profile.emergency, automatic, latched, granted)
         self.reset_inputs = ResetInputs(graph)
-        overrun = graph.profile.faults.overrun
+        overrun = graph.profile.faults.overrun.at(graph.profile.rate)
         self.overruns = OverrunCounter(overrun.tolerate, overrun.window, overrun.stop)
         self.report = report
         self.guards = make_guards(graph, limits)
+        self._felt = [guard for guard in self.guards if isinstance(guard, IntensityGuard)]
         self._backends = Backends(graph, self.guards, backend)
         self._ints = graph.row.ints
         self._links, self._stamps = graph.row.devices[:, DEVICE.link], graph.row.devices[:, DEVICE.stamp]
@@ -113,7 +115,7 @@ class Cycle:
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
         self._homed = [True for a in graph.actuators]
-        self._put_home = [a.command.feedback is None for a in graph.actuators]
+        self._put_home = [a.command.unseen for a in graph.actuators]
         self._started = [False for a in graph.actuators]  # it has been commanded in this run
         self._unmeasured_stay = profile.reset.unmeasured == "refuse"
         self._kept = latches.of_names(profile.reset.keeps)
@@ -191,7 +193,7 @@ class Cycle:
             for i, actuator in enumerate(self.graph.actuators):
                 # The first motion of a run begins at home, where a person has put the limb.
                 if (
-                    actuator.command.feedback is None
+                    actuator.command.unseen
                     and self._started[i]
                     and (not self._links.item(actuator.device) & LINK_ACTIVE or self.category(actuator) is Stop.LIMP)
                 ):
@@ -202,7 +204,7 @@ class Cycle:
         """Deactivates a lost or faulty device: even after its return or recovery, no command before the next start."""
         self._links[device] &= ~LINK_ACTIVE
         for i, actuator in enumerate(self.graph.actuators):
-            if actuator.device == device and actuator.command.feedback is None:
+            if actuator.device == device and actuator.command.unseen:
                 self._homed[i] = False
 
     def control(self) -> None:
@@ -273,6 +275,9 @@ class Cycle:
         if machine.state is State.HOMING and self._was is not State.HOMING:
             self._begin()
         state = machine.state
+        if state is State.STOPPING and self._was is not State.STOPPING:
+            for felt in self._felt:
+                felt.announce(machine.cause is Cause.INTENT_LOSS)
         at_rest, flags = True, 0
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             link = self._links.item(actuator.device)
@@ -294,7 +299,7 @@ class Cycle:
             elif by_itself(actuator, category):
                 # The loop tells the device to do so; no command follows.
                 self._links[actuator.device] &= ~LINK_ACTIVE
-                self._put_home[i] = actuator.command.feedback is None
+                self._put_home[i] = actuator.command.unseen
                 self._clearances[i].rest()
             else:
                 guard.stop(category, dt)

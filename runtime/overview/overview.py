@@ -15,7 +15,7 @@ from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.signals import Command, Kind, Limits, Signal
 from srl.runtime.contracts.terms import FORCE, POINT, TWIST
 from srl.runtime.guard.following import window_of
-from srl.runtime.guard.limits import NAMES
+from srl.runtime.guard.limits import INTENSITY, NAMES
 from srl.runtime.overview.frames import frames, models, parts
 from srl.runtime.profile import start_mode
 from srl.runtime.profile.connections import Connection, reading, transforms, untaken, writing
@@ -217,6 +217,8 @@ def _limit_unit(command: Command, limit: str, element: str) -> str:
     """The unit of one element's limit: those of a position, whatever is commanded, and its rates."""
     straight, _, turned = command.unit.partition(", ")
     own = turned if turned and element not in _STRAIGHT else straight
+    if limit in INTENSITY:
+        return {"level_rate": "1/s", "on_time": "s"}.get(limit, "1")
     if limit in ("effort", "effort_rate", "inertia"):
         slides = element in (command.slides or ()) or own == "N"
         return {
@@ -245,7 +247,8 @@ def _stops(graph: Graph) -> Item:
             for name, intent in zip(names, graph.intent, strict=True)
             if intent
         ],
-        "reactions": graph.profile.faults.model_dump(mode="json", by_alias=True),
+        "reactions": graph.profile.faults.model_dump(mode="json", by_alias=True)
+        | {"overrun": graph.profile.faults.overrun.at(graph.profile.rate).model_dump()},
         "reset": [
             {**_button(graph, entry.signal, entry.element), "when": entry.when} for entry in graph.profile.reset.inputs
         ],

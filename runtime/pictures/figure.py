@@ -191,6 +191,7 @@ def _limits(axis: Any, recording: Recording, plot: Plot) -> None:
         Kind.POSITION: ((1.0, "lower"), (1.0, "upper")),
         Kind.VELOCITY: ((-1.0, "velocity"), (1.0, "velocity")),
         Kind.TORQUE: ((-1.0, "effort"), (1.0, "effort")),
+        Kind.INTENSITY: ((1.0, "level"),),
     }
     for sign, key in shown[_kind(recording.layout, field)]:
         if limits.get(key) is None:

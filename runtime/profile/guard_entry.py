@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
+from srl.runtime.contracts.cue import Cue
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, WiringError
 from srl.runtime.contracts.per_element import NotNegative, Positive, in_order
@@ -62,6 +63,10 @@ class GuardEntry(GuardLimits):
     """`guard.<command>`."""
 
     following_error: FollowingEntry | Literal["off"] = FollowingEntry()
+    stop_cue: Cue | None = Field(None, description="of an intensity: given to the wearer when the limb stops")
+    loss_cue: Cue | None = Field(
+        None, description="instead, when it stops as what it follows is lost; left out: `stop_cue`"
+    )
 
     @field_validator("following_error", mode="before")
     @classmethod

@@ -13,17 +13,17 @@ from fractions import Fraction
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     ConfigDict,
     Field,
     PlainValidator,
     ValidationError,
-    ValidationInfo,
     WithJsonSchema,
     WrapValidator,
     field_validator,
+    model_validator,
 )
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
@@ -156,17 +156,19 @@ class OverrunEscalation(Part):
 
     tolerate: int = Field(5, ge=0)
     window: Span = Field(1.0, le=10.0, description="s")
-    stop: int = Field(20, ge=1, description="overruns in the window that stop the limb")
+    stop: int = Field(20, ge=1, description="overruns in the window that stop the limb; at most half of its cycles")
 
-    def fit(self, rate: Fraction) -> None:
-        """Raises OptionError: a loop that misses every other cycle at this rate (Hz) would not be stopped."""
-        most = int(Fraction(self.window) * rate / 2)
-        if not self.tolerate < self.stop <= most:
-            problem = (
-                f"overrun: stop {self.stop} isn't above tolerate ({self.tolerate}) and at most {most}, which is half "
-                f"of the cycles in its window ({self.window:g} s): a loop that is late for good would go on"
-            )
-            raise OptionError(problem, "Correct `tolerate`, `stop` or `window`")
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        if self.tolerate >= self.stop and {"tolerate", "stop"} <= self.model_fields_set:
+            problem = f"stop ({self.stop}) isn't above tolerate ({self.tolerate})"
+            raise OptionError(problem, "Give the number that stops the limb; fewer only halve the telemetry")
+        return self
+
+    def at(self, rate: Fraction) -> OverrunEscalation:
+        """As it holds at this rate (Hz): a loop that misses every other cycle is stopped, whatever is written."""
+        stop = min(self.stop, max(int(Fraction(self.window) * rate / 2), 1))
+        return self.model_copy(update={"stop": stop, "tolerate": min(self.tolerate, stop - 1)})
 
 
 class Faults(Part):
@@ -227,7 +229,7 @@ class Profile(Part):
     models: dict[str, ModelEntry] = Field(default_factory=dict, description="by name: robots and limbs of the laws")
     sim: SimEntry | None = Field(None, description="the simulated world, for `--sim` and twins")
     stop: dict[str, Stop] = Field(default_factory=dict, description="by device: its stop category")
-    faults: Faults = Field(Faults(), validate_default=True, description="the reaction to each fault")
+    faults: Faults = Field(Faults(), description="the reaction to each fault")
     emergency: tuple[EmergencyInput, ...] = Field((), description="inputs that stop the limb until a reset")
     reset: ResetConfig = Field(ResetConfig(), description="who may reset, and where the limb begins then")
     bus: BusConfig | None = Field(default_factory=BusConfig, description="null: no bus")
@@ -249,13 +251,6 @@ class Profile(Part):
         if isinstance(rate, Fraction) and not Fraction(1) <= rate <= Fraction(10_000):
             raise ValueError("must be from 1 to 10000 Hz")
         return rate
-
-    @field_validator("faults")
-    @classmethod
-    def _stops_what_is_late(cls, value: Faults, info: ValidationInfo) -> Faults:
-        if (rate := info.data.get("rate")) is not None:
-            value.overrun.fit(rate)
-        return value
 
     @field_validator("devices", "setpoints")
     @classmethod

@@ -18,4 +18,4 @@ def start(graph: Graph) -> Literal["auto", "manual"]:
 def unseen(graph: Graph) -> list[str]:
     """The commands of real devices that nothing measures: where their limbs stand, only a person sees."""
     real = {device.name for device in graph.devices} - set(graph.simulated)
-    return [a.name for a in graph.actuators if a.command.feedback is None and graph.devices[a.device].name in real]
+    return [a.name for a in graph.actuators if a.command.unseen and graph.devices[a.device].name in real]

@@ -81,7 +81,8 @@ class Summary:
     def of(cls, text: str) -> Summary:
         """Reads `text`. Raises ValueError, KeyError or TypeError: it isn't one."""
         values = json.loads(text)
-        return cls(**values | {"persons": tuple(values["persons"])})
+        partly = tuple(values.get("partly", ()))  # an index of an earlier version doesn't say it
+        return cls(**values | {"persons": tuple(values["persons"]), "partly": partly})
 
 
 def summarize(path: Path) -> Summary:

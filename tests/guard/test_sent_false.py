@@ -79,7 +79,7 @@ def test_a_cycle_in_which_nothing_is_transmitted_shows_nothing() -> None:
     assert until_it_is_said(Link(), NEAR, NOTHING, NOTHING) == -1
 
 
-@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("kind", [kind for kind in Kind if kind is not Kind.INTENSITY])
 @pytest.mark.parametrize("by", [50.0, -50.0])
 def test_a_false_report_leaves_the_motion_and_the_stop_as_they_are(kind: Kind, by: float) -> None:
     link, other = Link(kind), Link(kind)
@@ -174,7 +174,7 @@ def test_what_was_applied_as_the_newest_one_was_taken_stays_in_the_range(side: f
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("kind", [kind for kind in Kind if kind is not Kind.INTENSITY])
 def test_what_was_sent_last_is_believed_within_what_was_applied(kind: Kind, side: float) -> None:
     """A start begins there: in another unit or sign it would be anywhere."""
     link = Link(kind, resolution=0.0)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +14,7 @@ from srl.runtime.ipc import latches
 from srl.runtime.ipc.header import Cause, Latch, Origin, State
 from srl.runtime.ipc.requests import Answer, RequestKind
 from srl.runtime.loop.machine import Fault, Machine, OverrunCounter
-from srl.runtime.profile.profile import EmergencyInput, Faults
+from srl.runtime.profile.profile import EmergencyInput, Faults, OverrunEscalation
 
 EMERGENCY = [EmergencyInput(signal="panel.buttons", category=Stop.LIMP)]
 
@@ -130,6 +133,21 @@ def test_no_way_into_motion_but_an_explicit_one(events: list[tuple[str, object]]
         began = m.state is State.HOMING and before is not State.HOMING
         assert not began or (what == "ask" and value in (RequestKind.START, RequestKind.RESET))
         assert m.state is not State.ACTIVE or before in (State.ACTIVE, State.HOMING)
+
+
+@pytest.mark.parametrize(
+    ("rate", "given", "holds"),
+    [(100, {}, (5, 20)), (10, {}, (4, 5)), (1, {}, (0, 1)), (100, {"stop": 2000}, (5, 50)),
+     (500, {"window": 10.0, "stop": 10_000, "tolerate": 9000}, (2499, 2500))],
+)  # fmt: skip
+def test_a_loop_that_misses_every_other_cycle_is_stopped(
+    rate: int, given: dict[str, Any], holds: tuple[int, int]
+) -> None:
+    found = OverrunEscalation(**given).at(Fraction(rate))
+    assert (found.tolerate, found.stop) == holds
+    overruns = OverrunCounter(found.tolerate, found.window, found.stop)
+    stopped = [overruns.count(2 * i * 10**9 // rate, 1)[1] for i in range(6 * rate)]
+    assert stopped[-1]
 
 
 def test_the_overrun_ladder() -> None:

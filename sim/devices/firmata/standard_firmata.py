@@ -41,6 +41,9 @@ class Wires(Protocol):
     def servo_detached(self, pin: int) -> None:
         """Called when pulses end."""
 
+    def duty(self, pin: int, value: int) -> None:
+        """Called when a pin's PWM changes to `value` of 255; 0 also when the pin gets another mode."""
+
     def level(self, pin: int, pull_up: bool) -> bool:
         """The level that a digital input reads."""
 
@@ -166,6 +169,8 @@ class StandardFirmata:
             self._detach(pin)
         for pin in range(PINS):
             self._state[pin] = 0
+            if self._mode[pin] == PWM:
+                self._wires.duty(pin, 0)
             if pin not in _SERIAL_PINS:
                 self._mode[pin] = ANALOG if pin >= _FIRST_ANALOG else OUTPUT
         self._used = 0  # slots taken so far; slots given back are reused, and this count never falls
@@ -178,6 +183,8 @@ class StandardFirmata:
             return
         if mode != SERVO and pin in self._slot_of:
             self._detach(pin)
+        if self._mode[pin] == PWM:
+            self._wires.duty(pin, 0)
         if pin >= _FIRST_ANALOG:
             self._report_analog(pin - _FIRST_ANALOG, mode == ANALOG)
         port, bit = pin // 8, 1 << pin % 8
@@ -241,6 +248,7 @@ class StandardFirmata:
             self._state[pin] = value
         elif self._mode[pin] == PWM:
             self._state[pin] = value
+            self._wires.duty(pin, value & 0xFF if value > 255 else max(value, 0))
 
     def _write_pin(self, pin: int, value: int) -> None:
         if pin < PINS and self._mode[pin] == OUTPUT and pin not in _SERIAL_PINS:

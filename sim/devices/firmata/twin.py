@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ class FirmataTwin(SerialTwin):
         config = fake.config
         self._joints = tuple(config.servos)
         self._servo_of = {servo.pin: i for i, servo in enumerate(config.servos.values())}
+        self._motor_of = {motor.pin: i for i, motor in enumerate(config.motors.values())}
         self._buttons = {button.pin: (i, button.pull_up) for i, button in enumerate(config.buttons.values())}
         self._analog = {entry.pin: name for name, entry in config.analog.items()}
         self._now = 0
@@ -36,6 +38,7 @@ class FirmataTwin(SerialTwin):
         self._commanded: int | None = None
         self._pulses: list[int | None] = [None] * len(self._joints)
         self._log: list[tuple[int, int, float]] = []
+        self._duties: list[tuple[int, int, int]] = []
         self.firmware = StandardFirmata(self)
 
     def restart(self) -> None:
@@ -70,24 +73,31 @@ class FirmataTwin(SerialTwin):
 
         Pulse widths are in us by joint, None without pulses. The time is in ns of the twin's clock.
         """
-        return super().metrics() | {
-            "messages": dict(self.firmware.seen),
-            "too_long": self.firmware.input.too_long,
-            "pulses_us": dict(zip(self._joints, self._pulses, strict=True)),
-            "last_command_ns": self._commanded,
-        }
+        return (
+            super().metrics()
+            | {
+                "messages": dict(self.firmware.seen),
+                "too_long": self.firmware.input.too_long,
+                "pulses_us": dict(zip(self._joints, self._pulses, strict=True)),
+                "last_command_ns": self._commanded,
+            }
+            | self.board.felt.metrics(self.board.world.time)
+        )
 
     def log(self) -> dict[str, NDArray[Any]]:
         """Adds the servo commands to the serial twin's log, repetitions included.
 
         `servo_ns` (k,): when each command came. `servo` (k,): the joint's number. `pulse_us` (k,): NaN where pulses
-        ended.
+        ended. `duty_ns` (m,): when a motor got a duty, CLOCK_MONOTONIC. `motor`, `duty` (m,): its number, and of 255.
         """
-        rows = self._log
+        rows, duties = self._log, self._duties
         return super().log() | {
             "servo_ns": np.array([at for at, _, _ in rows], np.int64),
             "servo": np.array([joint for _, joint, _ in rows], np.int64),
             "pulse_us": np.array([us for _, _, us in rows], np.float64),
+            "duty_ns": np.array([at for at, _, _ in duties], np.int64),
+            "motor": np.array([motor for _, motor, _ in duties], np.int64),
+            "duty": np.array([duty for _, _, duty in duties], np.int64),
         }
 
     # -- what is connected to the board's pins
@@ -112,6 +122,14 @@ class FirmataTwin(SerialTwin):
         if joint is not None and self._pulses[joint] is not None:
             self.board.detach(joint)
             self._note(joint, None)
+
+    def duty(self, pin: int, value: int) -> None:
+        """A motor turns by it; other pins drive nothing."""
+        if (motor := self._motor_of.get(pin)) is not None:
+            self.board.felt.drive(motor, value / 255, self.board.world.time)
+            self._commanded = self._now
+            if self.keep_log:
+                self._duties.append((time.monotonic_ns(), motor, value))
 
     def level(self, pin: int, pull_up: bool) -> bool:
         """A button connects its pin to ground; a pin without a pull-up reads 0."""

@@ -29,6 +29,9 @@ class Wires:
     def servo_detached(self, pin: int) -> None:
         self.pulses.pop(pin, None)
 
+    def duty(self, pin: int, value: int) -> None:
+        pass
+
     def level(self, pin: int, pull_up: bool) -> bool:
         return pull_up
 

@@ -1,0 +1,1 @@
+"""Laws whose outputs the wearer feels."""
