@@ -8,10 +8,10 @@ from __future__ import annotations
 from itertools import pairwise
 from math import exp, inf, isfinite, nan, sqrt
 from operator import add
-from typing import Any, ClassVar, Final, Literal, cast
+from typing import Any, ClassVar, Final, Literal, Self, cast
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from srl.control.hand.concentric import ConcentricObject
 from srl.control.hand.extra_finger import ExtraFinger, FingerKinematics
@@ -19,7 +19,7 @@ from srl.control.hand.sphere import MinimumSphere
 from srl.control.hand.virtual_object import Deformation, Psi, Similarity, VirtualObject
 from srl.control.shared.symmetric import Vector
 from srl.runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from srl.runtime.contracts.errors import ProfileError
+from srl.runtime.contracts.errors import OptionError, ProfileError
 from srl.runtime.contracts.rotation import homogeneous
 from srl.runtime.contracts.signals import Signal
 from srl.runtime.contracts.terms import POINT
@@ -29,6 +29,9 @@ from srl.runtime.models.human_hand import FINGERS
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
 
 _SMOOTHING: Final = 0.03  # s, time constant of the tips' velocity: the data of a glove slower than the loop has steps
+
+_NO_DAMPING: Final = 1e-6  # m/rad: of a division by zero alone
+_OURS: Final = (Deformation.SCALING, Deformation.CONCENTRIC)
 
 
 class ObjectMappingConfig(ControllerConfig):
@@ -61,6 +64,26 @@ class ObjectMappingConfig(ControllerConfig):
     max_following_error: float = Field(
         0.03, gt=0.0, description="m, how far a tip's target may be ahead of what the guard let through"
     )
+    as_published: bool = Field(
+        False,
+        description="the paper's law without what is added here: gain limit, damping, bound of following error, and "
+        "at first drift pull",
+    )
+
+    @model_validator(mode="after")
+    def _alone(self) -> Self:
+        extras = {"gain_limit", "damping", "max_following_error"} & self.model_fields_set
+        if self.as_published and (extras or self.deformation in _OURS):
+            problem = f"as_published has no {', '.join(sorted(extras)) or f'deformation {self.deformation}'}"
+            raise OptionError(problem, "Take it out, or as_published")
+        return self
+
+    @property
+    def bounds(self) -> tuple[float, float, float]:
+        """`gain_limit`, `damping`, `max_following_error` as they hold."""
+        return (
+            (inf, _NO_DAMPING, inf) if self.as_published else (self.gain_limit, self.damping, self.max_following_error)
+        )
 
 
 class ObjectMapping(Controller):
@@ -85,15 +108,15 @@ class ObjectMapping(Controller):
         _check_unique(name, "fingers", tuple(finger.name for finger in config.fingers))
         n_h, m = len(config.points), len(config.fingers)
         deformation = config.deformation or (Deformation.ISOTROPIC if n_h > 2 else Deformation.RIGID)
-        self._max_following_error = config.max_following_error
+        gain_limit, self._damping, self._max_following_error = config.bounds
         self._rigid, self._turns = deformation is Deformation.RIGID, deformation is not Deformation.SCALING
         self._chosen = np.array([FINGERS.index(point) for point in config.points])
         self._concentric = deformation is Deformation.CONCENTRIC
         if self._concentric and config.psi is not Psi.NONE:
             problem = "an object that only grows and shrinks about its centre leaves nothing to choose"
             raise ProfileError(f"controllers.{name}.psi", problem, "Leave out psi, or choose another deformation")
-        self._object = VirtualObject(deformation, config.psi, config.gain_limit)
-        self._extra, self._damping = config.fingers, config.damping
+        self._object = VirtualObject(deformation, config.psi, gain_limit)
+        self._extra = config.fingers
         self.transforms = tuple(
             Transform(f.name, frame(f.name), coordinates("tips"), f"the base of '{f.name}' in the frame of the tips")
             for f in config.fingers
@@ -134,7 +157,7 @@ class ObjectMapping(Controller):
         self.parameters = (
             Parameter(
                 name="drift_pull",
-                default=0.0 if exact else 5.0,
+                default=0.0 if exact or config.as_published else 5.0,
                 lower=0.0,
                 upper=100.0,
                 unit="1/m",

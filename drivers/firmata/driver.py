@@ -24,7 +24,8 @@ from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
 
-COMMAND, INTENSITY = "position_command", "intensity_command"
+COMMAND = "position_command"
+INTENSITY = "intensity_command"
 PERIOD = 0.05  # s: a command waits for the answer to the one before, over USB with a latency timer of 16 ms
 ASK_ACTIVE = 400_000_000  # ns between version queries while `write` is called
 ASK_IDLE = 500_000_000  # ns between version queries otherwise

@@ -19,6 +19,7 @@ from srl.studies.simulated import cell, lockstep
 ARMS: Final[dict[str, dict[str, Any]]] = {
     "bare": {},
     "mapping": {},
+    "as-published": {"controllers.1.as_published": True},
     "splint": {},
     "scaling": {"controllers.1.deformation": "scaling"},
     "concentric": {"controllers.1.deformation": "concentric"},

@@ -24,6 +24,8 @@ from srl.studies.tasks.task import Row, TrialTask
 
 FILE: Final = Path(__file__).with_name("starts.json")
 """What was found, by scene and arm: `distal` (m), `home` (degrees), successes `of` trials of the last round."""
+ALIKE: Final = {"as-published": "mapping"}
+"""Arms that begin where another one does."""
 SEEDS: Final = 10_000
 """The first seed of the search; those of the study begin at 0."""
 ROUNDS: Final = ((32, 2), (8, 4), (3, 8))
@@ -122,9 +124,9 @@ def _worth(rows: Sequence[Row]) -> tuple[float, float]:
 
 
 def found(scene: str, arm: str) -> dict[str, Any]:
-    """The start of an arm in a scene: `distal`, m, and `home`, (4,) degrees; of an arm that wasn't searched for, the
-    splint's.
+    """The start of an arm in a scene: `distal`, m, and `home`, (4,) degrees; of an arm that wasn't searched for, that
+    of the one in `ALIKE`, or the splint's.
     """
     arms: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))[scene]
-    entry = arms[arm if arm in arms else "splint"]
+    entry = arms[arm if arm in arms else ALIKE.get(arm, "splint")]
     return {"distal": entry["distal"], "home": entry["home"]}
