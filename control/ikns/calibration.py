@@ -48,6 +48,9 @@ class Thresholds(Options):
     samples: int = Field(100, ge=10, description="least number of samples kept a point and DoF")
     range: float = Field(0.15, ge=0.05, description="rad, least range of motion along the direction, a point and DoF")
     explained: float = Field(0.7, ge=0.3, le=1.0, description="least share of the variance that the direction explains")
+    explained_of_sum: float = Field(
+        0.5, ge=0.3, le=1.0, description="the same for `components: sum`, which is for motion in several directions"
+    )
     wander: float = Field(0.02, gt=0.0, le=0.05, description="m, largest rms distance of the hand from its point")
     condition: float = Field(
         0.25, ge=_CONDITION, le=1.0, description="least sine of a DoF's direction to all the others'"
@@ -55,6 +58,11 @@ class Thresholds(Options):
     crosstalk: float = Field(
         0.5, gt=0.0, le=1.0, description="of its range, the most that a DoF may move in the trials of another"
     )
+
+    @property
+    def least_explained(self) -> float:
+        """Of the variance, the share that the direction must explain."""
+        return self.explained if self.components == "first" else self.explained_of_sum
 
 
 @dataclass(frozen=True)
@@ -262,10 +270,10 @@ def _refused(found: Calibration, th: Thresholds, i: int, j: int, number: int) ->
             "Redo the point and move the arm as far as it goes with the hand still, or choose a point where it goes "
             "farther: not with the arm stretched",
         )
-    elif found.explained[i, j] < th.explained:
+    elif found.explained[i, j] < th.least_explained:
         yield CalibrationError(
             place,
-            f"the direction explains {found.explained[i, j]:.0%} of the motion, {th.explained:.0%} are needed",
+            f"the direction explains {found.explained[i, j]:.0%} of the motion, {th.least_explained:.0%} are needed",
             "Redo the point with one motion there and back, and the hand neither moved nor turned",
         )
     elif found.condition[i, j] < th.condition:

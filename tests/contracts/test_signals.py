@@ -63,7 +63,8 @@ def law_of(name: str, folder: Path) -> Controller:
     seen = {"rotation": {"Hips": "suit.rotation[Hips]"}, "translation": {"Hips": "suit.translation[Hips]"}}
     options: dict[str, dict[str, Any]] = {
         "ikns": {"calibration": str(folder / "p07.json")},
-        "contact-cue": {"labels": ["x"], "motors": ["m"], "threshold": 1.0, "full": 2.0}, "state-cue": {"motors": ["m"]},
+        "contact-cue": {"labels": ["x"], "motors": ["m"], "threshold": 1.0, "full": 2.0},
+        "state-cue": {"motors": ["m"]},
         "jog": {"speed": {"a": 0.1}, "acceleration": {"a": 1.0}},
         "joint-setpoint": {"joints": ["a"]},
         "velocity-setpoint": {"axes": ["a"]},

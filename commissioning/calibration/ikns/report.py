@@ -95,7 +95,7 @@ def draw(result: Result, png: Path) -> None:
     at = np.arange(len(result.numbers))
     panels: list[tuple[str, Array, float | None]] = [
         ("range, rad", found.upper - found.lower, result.options.thresholds.range),
-        ("variance explained", found.explained, result.options.thresholds.explained),
+        ("variance explained", found.explained, result.options.thresholds.least_explained),
         ("samples kept", found.samples.astype(float), float(result.options.thresholds.samples)),
     ]
     if result.noise is not None:
