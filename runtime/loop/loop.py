@@ -171,7 +171,7 @@ def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
             continue
         for actuator in device.actuators:
             category = cycle.category(actuator)
-            if category is Stop.LIMP or by_itself(actuator, category):
+            if category in (Stop.LIMP, Stop.OFF) or by_itself(actuator, category):
                 device.stop(category, now)
                 if not device.lost:
                     stopped.append(device)

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from srl.control.cue.contact_cue import ContactCue, ContactCueConfig
 from srl.control.cue.state_cue import StateCue, StateCueConfig
 from srl.runtime.contracts.cue import Cue
+from srl.sim.devices.firmata.fake import FakeFirmata
 from srl.testing import ControllerConformance, Lab, bound
 
 DT = 0.01
@@ -126,6 +127,20 @@ def test_the_wearer_feels_the_thumbs_contact_and_every_stop_is_off_but_for_its_c
     assert before == 0.0
     lab.reset()
     lab.until("active")
+
+
+def test_a_cuff_at_fault_is_told_to_switch_off(lab: Lab) -> None:
+    """No command follows to a board that is stale or at fault, and it would go on with what it had."""
+    lab.run(1.0)
+    lab.until("cuff.intensity_command", above=0.9, most=10.0)
+    (cuff,) = (device for device in lab._graph.devices if isinstance(device, FakeFirmata))
+    lab.run(0.05)
+    lab.fault("cuff", "refusing")
+    lab.until("stopped")
+    lab.run(0.05)
+    at = lab._graph.world.time if lab._graph.world is not None else 0
+    before = cuff.felt.levels(at)["wrist"]
+    assert cuff.felt.levels(at + 1_000_000_000)["wrist"] < 0.01 * max(before, 0.01)
 
 
 def test_a_lost_cuff_stops_the_limb(lab: Lab) -> None:
