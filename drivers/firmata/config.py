@@ -18,6 +18,7 @@ from srl.runtime.contracts.validation import refusal
 MAX_PULSE_US = 2400
 DRIVER = "firmata"
 FIRST_ANALOG = 14  # the pin of A0 on an ATmega328P board
+LEAST_SPAN = 12  # of 255, between a motor's start and its full duty
 PWM_PINS = (3, 5, 6, 9, 10, 11)  # of an ATmega328P board
 PINS = range(2, 20)  # of an ATmega328P board; 0 and 1 are the serial line, a Nano's A6 and A7 can only be read
 
@@ -162,8 +163,8 @@ class MotorConfig(BaseModel):
     def _fits(self) -> Self:
         if self.pin not in PWM_PINS:
             raise ValueError(f"pin {self.pin} has no PWM; an Uno's pins that have: {', '.join(map(str, PWM_PINS))}")
-        if not self.start < self.full:
-            raise ValueError(f"start ({self.start:g}) must be less than full ({self.full:g})")
+        if self.drive.most - self.drive.least < LEAST_SPAN:
+            raise ValueError(f"start ({self.start:g}) must be less than full ({self.full:g}), by 0.05 at least")
         return self
 
     @property

@@ -195,7 +195,7 @@ class Firmata(Driver):
         self._limp = False
         angles = self.command_arrays[self._name].tolist()
         wanted = [
-            output.pulse(angle) if math.isfinite(angle) else sent
+            output.pulse(angle) if math.isfinite(angle) else 0 if self._motors else sent
             for output, angle, sent in zip(self._outputs, angles, self._sent, strict=True)
         ]
         frame = b"" if wanted == self._sent else self._frame(wanted)

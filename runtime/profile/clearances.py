@@ -67,8 +67,8 @@ def _alone(b: Builder, name: str, made: Mapping[str, Cleared]) -> None:
 def _cleared(b: Builder, name: str, entry: ClearEntry, command: Command) -> Cleared:
     path = f"guard.{name}.clear"
     place = b.source.place(path)
-    if command.kind is Kind.TORQUE:
-        problem = "a torque command says nothing of how the limb brakes, so nothing can keep it clear"
+    if command.kind in (Kind.TORQUE, Kind.INTENSITY):
+        problem = f"a command of kind {command.kind} says nothing of how the limb brakes, so nothing can keep it clear"
         raise WiringError(place, problem, "Command the limb by position or velocity, or remove `clear:`")
     cls = registry.load("clearances", entry.use, b.source.place(f"{path}.use"))
     options = b.options(cls.Config, entry.options, path)

@@ -37,6 +37,7 @@ def test_a_level_above_0_begins_where_the_motor_turns(level: float, duty: int) -
     [
         ({"motors": {"wrist": {"pin": 7}}}, "pin 7 has no PWM"),
         ({"motors": {"wrist": {"pin": 5, "start": 0.8, "full": 0.6}}}, "start .0.8. must be less than full"),
+        ({"motors": {"wrist": {"pin": 5, "start": 0.5, "full": 0.501}}}, "by 0.05 at least"),
         ({"motors": MOTORS, "servos": {"base": servo(9)}}, "a board of their own"),
         ({"motors": MOTORS, "buttons": {"go": {"pin": 5}}}, "pin 5 is used twice"),
         ({"motors": {"wrist": {"pin": 5, "duty": 1.5}}}, "less than or equal to 1"),
@@ -97,6 +98,18 @@ def test_every_stop_and_the_frames_for_the_loops_death_are_off(
     assert bytes((0xF5, 5, 0)) in board.seen
     send(driver, 0.0, 0.5)  # and they can go on
     until(lambda: bytes((0xE6, 0, 1)) in board.seen)
+
+
+def test_what_is_no_number_is_off(board: ScriptedBoard, driver: Firmata) -> None:
+    send(driver, 1.0, 1.0)
+    board.seen.clear()
+    driver.command_arrays["intensity_command"][:] = np.nan
+
+    def cycle() -> None:
+        driver.read(time.monotonic_ns())
+        driver.write(time.monotonic_ns())
+
+    until(lambda: bytes((0xE5, 0, 0)) in board.seen and bytes((0xE6, 0, 0)) in board.seen, cycle)
 
 
 def test_closing_is_off(board: ScriptedBoard) -> None:

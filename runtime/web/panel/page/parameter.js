@@ -5,8 +5,8 @@ import { button, made, measure, text } from "/part.js";
 const WAIT = 3000; // ms that an answer may take, before the field goes back to what the loop has
 const STEPS = 50; // about, from one bound to the other
 const JUMP = 0.25; // of the way between the bounds; a larger change is asked about
-const NUMBER = /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d{1,3})?$/i, GROUPS = /^[-+]?\d{1,3}(,\d{3})+$/;
 const FACTOR = 2; // the same of one without bounds
+const NUMBER = /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d{1,3})?$/i, GROUPS = /^[-+]?\d{1,3}(,\d{3})+$/;
 
 export class Parameter {
   // given: name, lower, upper, unit, text, default; change(value): asks the loop for it.
