@@ -102,7 +102,8 @@ class CommandGuard(ABC):
         self.size = command.size
         missing = [name for name in self.needs if getattr(limits, name) is None]
         if missing:
-            problem = f"a {command.kind} command needs {', '.join(missing)}; neither profile nor device limits it"
+            needs = ", ".join(missing)
+            problem = f"a command of kind {command.kind} needs {needs}; neither profile nor device limits it"
             raise WiringError(place, problem, f"Add {missing[0]} to {place} in the profile")
         own = (command.kind is Kind.INTENSITY, INTENSITY)
         foreign = [name for name in NAMES if (name in own[1]) is not own[0] and getattr(limits, name) is not None]

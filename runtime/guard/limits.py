@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from pydantic import ConfigDict, Field
 
@@ -17,6 +19,8 @@ NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort
 
 Anywhere = Finite | list[Finite] | dict[str, Finite] | None
 Above0 = Positive | list[Positive] | dict[str, Positive] | None
+Share = Annotated[Positive, Field(le=1.0)]
+UpTo1 = Share | list[Share] | dict[str, Share] | None
 
 
 class GuardLimits(BaseModel):
@@ -37,10 +41,10 @@ class GuardLimits(BaseModel):
     inertia: Above0 = Field(
         None, description="kg m^2 or kg, the least that the joint moves alone; bounds the damping of torque stops"
     )
-    level: Above0 = Field(None, description="of an intensity: the most, up to 1")
+    level: UpTo1 = Field(None, description="of an intensity: the most, up to 1")
     level_rate: Above0 = Field(None, description="of an intensity, 1/s: how fast it rises; it falls at once")
     on_time: Above0 = Field(None, description="of an intensity, s: the longest without a pause")
-    duty: Above0 = Field(None, description="of an intensity: its mean over some 10 s, at most")
+    duty: UpTo1 = Field(None, description="of an intensity: its mean over some 10 s, at most")
     tolerance: Positive = Field(1e-3, le=1.0, description="a command changed by more than this counts as limited")
 
     def to_limits(

@@ -56,11 +56,8 @@ def _make_guard(graph: Graph, a: Actuator, limits: Limits) -> CommandGuard:
     tolerance = entry.tolerance if entry is not None else 1e-3
     make, dt = GUARDS[a.command.kind], float(1 / profile.rate)
     guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
-    if isinstance(guard, IntensityGuard):
-        if entry is not None:
-            guard.stop_cue, guard.loss_cue = entry.stop_cue, entry.loss_cue
-    elif entry is not None and (entry.stop_cue or entry.loss_cue):
-        raise WiringError(place, f"a {a.command.kind} command gives no cues", "Give them to an intensity")
+    if isinstance(guard, IntensityGuard) and entry is not None:
+        guard.stop_cue, guard.loss_cue = entry.stop_cue, entry.loss_cue
     guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
     if a.cleared is not None:
         cleared = a.cleared

@@ -11,7 +11,7 @@ from srl.runtime.contracts.cue import Cue
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, WiringError
 from srl.runtime.contracts.per_element import NotNegative, Positive, in_order
-from srl.runtime.contracts.signals import Array, Command
+from srl.runtime.contracts.signals import Array, Command, Kind
 from srl.runtime.guard.limits import GuardLimits
 from srl.runtime.profile.wire import Input
 
@@ -74,6 +74,15 @@ class GuardEntry(GuardLimits):
         if given == "off" or isinstance(given, dict | FollowingEntry):
             return given
         raise OptionError(f"{given!r} isn't a following error", "Give {window: ..., timeout: ...}, or off: no check")
+
+    def check(self, command: Command, place: str) -> None:
+        """Raises WiringError: it says what such a command hasn't, or can't be; `place` is that of this entry."""
+        self.window(command, place)
+        felt = command.kind is Kind.INTENSITY
+        if not felt and (self.stop_cue or self.loss_cue):
+            raise WiringError(place, f"a command of kind {command.kind} gives no cues", "Give them to an intensity")
+        if felt and "following_error" in self.model_fields_set:
+            raise WiringError(f"{place}.following_error", "nothing measures what is felt", "Take it out")
 
     def window(self, command: Command, place: str) -> Array | None:
         """(size,): the window of the following error; None: the profile gives none, or it is `off`.

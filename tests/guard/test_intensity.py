@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from srl.runtime.contracts.cue import Cue
-from srl.runtime.contracts.errors import WiringError
+from srl.runtime.contracts.errors import SrlError, WiringError
 from srl.runtime.contracts.signals import Kind, Stop
 from srl.runtime.guard import IntensityGuard
 from srl.runtime.guard.intensity import PAUSE, WINDOW
+from srl.runtime.profile import profile, wiring
 
 DT = 0.01
 LIMITS = {"level": 0.9, "level_rate": 20.0, "on_time": 2.0, "duty": 0.4}
@@ -117,8 +118,6 @@ def test_a_cue_is_given_once_within_the_limits(loss: bool, pulses: int) -> None:
 @pytest.mark.parametrize(
     ("kind", "limits", "words"),
     [
-        (Kind.INTENSITY, LIMITS | {"level": 1.5}, "level 1.5 is above 1"),
-        (Kind.INTENSITY, LIMITS | {"duty": 2.0}, "duty 2 is above 1"),
         (Kind.INTENSITY, LIMITS | {"velocity": 1.0}, "of kind intensity has no velocity"),
         (Kind.INTENSITY, {"level": 1.0}, "needs level_rate, on_time, duty"),
         (Kind.POSITION, {"velocity": 1.0, "acceleration": 1.0, "level": 1.0}, "of kind position has no level"),
@@ -143,3 +142,17 @@ def test_a_link_that_stalled_at_a_level_is_told_off_first() -> None:
     guard.resynchronise(False, DT)
     guard.stop(Stop.OFF, DT)
     assert guard.applied[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("guard.cuff.intensity_command.level", "5", "less than or equal to 1"),
+        ("guard.cuff.intensity_command.duty", "50", "less than or equal to 1"),
+        ("guard.cuff.intensity_command.following_error", "{window: 0.1}", "nothing measures what is felt"),
+        ("guard.thumb.position_command.stop_cue", "{pulses: 2}", "of kind position gives no cues"),
+    ],
+)
+def test_a_profile_that_says_something_else_is_refused(key: str, value: str, words: str) -> None:
+    with pytest.raises(SrlError, match=words):
+        wiring.build(*profile.load("third-thumb", ["feedback=cuff", f"{key}={value}"]))
