@@ -22,6 +22,7 @@ from helpers.wait import until
 
 from srl.drivers.mit_can import protocol
 from srl.drivers.mit_can.protocol import Register
+from srl.runtime.contracts.errors import UNAVAILABLE
 from srl.runtime.ipc.header import State
 from srl.sim.devices.mit_can.twin import MitCanTwin
 from srl.sim.parts.actuators.motors import WINDING_BIT
@@ -189,7 +190,7 @@ def test_motors_with_swapped_ids_are_refused_before_anything_moves(limb: Any, tm
         drives.keep(6, register, known[0])
     with Live(twin) as live:
         done = call(tmp_path, "run", str(limb(twin)), code=None)
-        assert done.returncode == 2
+        assert done.returncode == UNAVAILABLE
         assert "scales by" in done.stderr
         assert not any(twin.drives.motors.torque)
         assert not any(bytes(message.data) in protocol.SPECIAL for _, message in live.taken)

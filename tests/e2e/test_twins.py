@@ -15,6 +15,7 @@ import pytest
 from helpers.run import Running, alive, call, environment, srl
 from scipy.spatial import cKDTree
 
+from srl.runtime.contracts.errors import UNAVAILABLE
 from srl.runtime.ipc.header import LINK_STALE, Cause, State
 from srl.runtime.recording.reader import Recording, read
 
@@ -276,7 +277,7 @@ def test_the_wrong_board_on_a_port_is_named(tmp_path: Path) -> None:
         for name, port, other in (("glove", finger, glove), ("finger", glove, finger)):
             arguments = ["run", "sixth-finger", "--confirm", "--duration", "2", "--set", f"devices.{name}.port={port}"]
             arguments += ["--sim", "finger" if name == "glove" else "glove"]
-            done = call(tmp_path, *arguments, code=2)
+            done = call(tmp_path, *arguments, code=UNAVAILABLE)
             print(done.stderr.strip())
             assert name in done.stderr
             assert str(port) in done.stderr
