@@ -20,8 +20,8 @@ static int sample_step(double *const *a, int n, double dt, int flag) {
     for (int i = 0; i < n; i++) {
         double x = values[i];
         const double *l = limits + WIDE * i, *s = state + KEPT * i;
-        int known = isfinite(x), judged = isfinite(l[SPEED]); /* what isn't finite says that it isn't known */
-        if (known && (x < l[LOW] || x > l[HIGH])) return RARE;
+        int known = isfinite(x), judged = isfinite(l[SPEED]); /* a joint that is at infinity is wrong, not unknown */
+        if ((known || (judged && isinf(x))) && (x < l[LOW] || x > l[HIGH])) return RARE;
         if (judged && (known ? s[AGE] > 0.0 || s[AGREED] < AGREE : flag)) return RARE;
         if (known && judged && !(fabs(x - s[LAST]) <= l[SLACK] + l[SPEED] * dt)) return RARE;
     }

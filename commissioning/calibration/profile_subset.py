@@ -11,7 +11,7 @@ from functools import partial
 from math import inf
 from typing import Any, Final
 
-from srl.control.ikns.calibration import Thresholds
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.errors import ProfileError, WiringError, nearest
 from srl.runtime.profile import profile, wiring
 from srl.runtime.profile.graph import Graph

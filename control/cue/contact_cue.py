@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, isfinite
+from math import hypot, isnan
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
@@ -31,6 +31,7 @@ class ContactCueConfig(ControllerConfig):
     least: float = Field(0.3, ge=0, lt=1, description="the intensity at the threshold")
     tap: float = Field(0.1, ge=0, le=0.5, description="s of full intensity as a contact begins")
     begin: Cue | None = Field(None, description="a cue as the limb begins to follow; left out: none")
+    max_hold: float = Field(0.5, ge=0.0, description="s for which an unknown element is taken for 0; .inf: for ever")
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -50,7 +51,8 @@ class ContactCue(Controller):
 
     Input `load` (k,), output `intensity` (n,), 0 to 1. |x| is the input's norm, or of each element by itself. A contact
     begins at the threshold with a tap of full intensity, since its moment tells more than its strength, and ends at
-    0.8 of it. An input that isn't known gives nothing. What doesn't limit itself here the guard does.
+    0.8 of it. An infinite element is a full one. An unknown one counts as 0; after `max_hold` that is a loss, since the
+    wearer would take it for no contact. What isn't limited here the guard limits.
     """
 
     Config = ContactCueConfig
@@ -63,15 +65,18 @@ class ContactCue(Controller):
         self.outputs = (Signal(name="intensity", shape=(n,), unit="1", labels=config.motors),)
         self._options = config
         self._touching = [-1.0] * n  # s since the contact began; -1: there is none
-        self._time = 0.0  # s since the reset
+        self._time = self._unknown = 0.0  # s since the reset; s for which an element wasn't known
 
     def reset(self) -> None:
         self._touching = [-1.0] * len(self._touching)
-        self._time = 0.0
+        self._time, self._unknown, self.lost = 0.0, 0.0, False
         self.output["intensity"][:] = 0.0
 
     def update(self, dt: float) -> None:
-        config, loads = self._options, self.input["load"].tolist()
+        config, found = self._options, self.input["load"].tolist()
+        loads = [0.0 if isnan(load) else load for load in found]
+        self._unknown = self._unknown + dt if loads != found else 0.0  # NaN differs from itself
+        self.lost = self._unknown > config.max_hold
         if config.combine == "norm":
             loads = [hypot(*loads)] * len(self._touching)
         begin = config.begin.at(self._time) if config.begin is not None else 0.0
@@ -81,7 +86,7 @@ class ContactCue(Controller):
 
     def _felt(self, i: int, load: float, dt: float) -> float:
         config, since = self._options, self._touching[i]
-        if not isfinite(load) or load < config.threshold * (1.0 if since < 0.0 else RELEASES):
+        if load < config.threshold * (1.0 if since < 0.0 else RELEASES):
             self._touching[i] = -1.0
             return 0.0
         self._touching[i] = since = max(since, 0.0)

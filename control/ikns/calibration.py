@@ -8,20 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from srl.control.ikns.clusters import Indices, box_points, hand_speed, k_means, trimmed
 from srl.control.ikns.delaunay import SitesError, delaunay
+from srl.control.ikns.thresholds import LEAST_CONDITION, Thresholds
 from srl.runtime.contracts.errors import SrlError
-from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 
 _SIDEWAYS: Final = 0.3  # cosine between directions of neighbouring points below which their sense is a guess
-_CONDITION: Final = 0.05  # below that, noise of one DoF is twenty times as large in c
 _REACH: Final = 2.0  # m
 _SPAN: Final = 4 * np.pi  # rad
 _ANGLE: Final = 20 * np.pi  # rad; a torso's yaw is unwrapped
@@ -30,39 +28,6 @@ _LOST: Final = 0.2  # share of samples without angles or hand
 
 class CalibrationError(SrlError):
     """A recording from which no control can be calibrated."""
-
-
-class Thresholds(Options):
-    """What a calibration keeps, and what it refuses. A file brings its own: no file goes beyond their bounds."""
-
-    points: int = Field(10, ge=8, le=26, description="calibration points: corners of a box, centres of its faces, ...")
-    up: Literal[0, 1, 2] = Field(2, description="axis of the hand's frame that points upwards")
-    speed: float = Field(0.05, gt=0.0, le=0.2, description="m/s; samples in which the hand is faster are discarded")
-    radius: float = Field(
-        0.05, gt=0.0, le=0.15, description="m; samples farther from their point's centroid are discarded"
-    )
-    components: Literal["first", "sum"] = Field(
-        "first", description="first principal component, or the paper's weighted sum of those that explain `share`"
-    )
-    share: float = Field(0.8, gt=0.0, le=1.0, description="of the variance, for `components: sum`")
-    samples: int = Field(100, ge=10, description="least number of samples kept a point and DoF")
-    range: float = Field(0.15, ge=0.05, description="rad, least range of motion along the direction, a point and DoF")
-    explained: float = Field(0.7, ge=0.3, le=1.0, description="least share of the variance that the direction explains")
-    explained_of_sum: float = Field(
-        0.5, ge=0.3, le=1.0, description="the same for `components: sum`, which is for motion in several directions"
-    )
-    wander: float = Field(0.02, gt=0.0, le=0.05, description="m, largest rms distance of the hand from its point")
-    condition: float = Field(
-        0.25, ge=_CONDITION, le=1.0, description="least sine of a DoF's direction to all the others'"
-    )
-    crosstalk: float = Field(
-        0.5, gt=0.0, le=1.0, description="of its range, the most that a DoF may move in the trials of another"
-    )
-
-    @property
-    def least_explained(self) -> float:
-        """Of the variance, the share that the direction must explain."""
-        return self.explained if self.components == "first" else self.explained_of_sum
 
 
 @dataclass(frozen=True)
@@ -302,7 +267,7 @@ def _impossible(found: Calibration, i: int, number: int) -> Iterator[Calibration
         yield CalibrationError(place, f"it is farther than {_REACH:g} m from the chest; is it in mm?", remedy)
     length = np.linalg.norm(found.directions[i], axis=1)
     one = len(length) == 1
-    if (length < 0.99).any() or (length > (1.01 if one else 1.01 / _CONDITION)).any():
+    if (length < 0.99).any() or (length > (1.01 if one else 1.01 / LEAST_CONDITION)).any():
         yield CalibrationError(place, f"its directions have the lengths {length.round(3).tolist()}", remedy)
     spans = np.concatenate([found.upper[i] - found.lower[i], found.travel[i].ravel()])
     size = np.abs(found.directions[i])

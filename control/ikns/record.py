@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from srl.control.ikns.calibration import Calibration, Thresholds
+from srl.control.ikns.calibration import Calibration
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.models import record_file
 from srl.runtime.models.record_file import NAME, Name, RecordError, Row, write

@@ -18,8 +18,6 @@ from srl.runtime.contracts.validation import refusal
 MAX_PULSE_US = 2400
 DRIVER = "firmata"
 FIRST_ANALOG = 14  # the pin of A0 on an ATmega328P board
-LEAST_SPAN = 12  # of 255, between a motor's start and its full duty
-PWM_PINS = (3, 5, 6, 9, 10, 11)  # of an ATmega328P board
 PINS = range(2, 20)  # of an ATmega328P board; 0 and 1 are the serial line, a Nano's A6 and A7 can only be read
 
 
@@ -133,46 +131,6 @@ class ServoConfig(BaseModel):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """Intensity (0 to 1) to the PWM's duty (0 to 255), for one motor; an intensity of 0 is off."""
-
-    least: int
-    most: int
-    lower: ClassVar[float] = 0.0
-    upper: ClassVar[float] = 1.0
-
-    def pulse(self, intensity: float) -> int:
-        """Returns the duty for a finite intensity, limited to 0 to 1."""
-        span, share = self.most - self.least, min(intensity, 1.0)
-        return round(self.least + span * share) if share * span >= 0.5 else 0
-
-
-class MotorConfig(BaseModel):
-    """One vibration motor behind a transistor: its pin, and the duties between which it turns."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    pin: int = Field(description=f"a pin with PWM: {', '.join(map(str, PWM_PINS))}")
-    start: float = Field(0.0, ge=0, lt=1, description="the share of the supply at which it begins to turn")
-    full: float = Field(1.0, gt=0, le=1, description="the share of the supply that is its rated voltage")
-    on_time: float = Field(5.0, gt=0, le=60, description="s, the longest without a pause")
-    duty: float = Field(0.5, gt=0, le=1, description="its mean intensity over some 10 s, at most")
-
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.pin not in PWM_PINS:
-            raise ValueError(f"pin {self.pin} has no PWM; an Uno's pins that have: {', '.join(map(str, PWM_PINS))}")
-        if self.drive.most - self.drive.least < LEAST_SPAN:
-            raise ValueError(f"start ({self.start:g}) must be less than full ({self.full:g}), by 0.05 at least")
-        return self
-
-    @property
-    def drive(self) -> Drive:
-        """The conversion from intensity to duty."""
-        return Drive(round(255 * self.start), round(255 * self.full))
-
-
 class ButtonConfig(BaseModel):
     """One push button between its pin and ground."""
 
@@ -204,11 +162,10 @@ class AnalogConfig(BaseModel):
 
 
 class FirmataConfig(DeviceConfig):
-    """A board with servos or motors, buttons, analog inputs. The arrays have the order that these have here."""
+    """A board with servos, buttons, analog inputs. The arrays have the order of `servos`, `buttons` and `analog`."""
 
     port: str = Field(description="the board's port, e.g. /dev/ttyACM0")
     servos: dict[str, ServoConfig] = Field(default={}, max_length=MAX_SERVOS, description="joints by name")
-    motors: dict[str, MotorConfig] = Field(default={}, description="vibration motors by name; not beside servos")
     buttons: dict[str, ButtonConfig] = Field(default={}, description="buttons by name")
     analog: dict[str, AnalogConfig] = Field(default={}, max_length=8, description="analog inputs by name")
     analog_unit: str = Field("1", min_length=1, description="SI, of the analog inputs; 1: the share of the supply")
@@ -238,13 +195,10 @@ class FirmataConfig(DeviceConfig):
 
     @model_validator(mode="after")
     def _something_on_each_pin(self) -> Self:
-        if not self.servos and not self.motors and not self.buttons and not self.analog:
-            raise ValueError("the board has neither servos, motors, buttons nor analog inputs; name at least one")
-        if self.servos and self.motors:  # a stop that leaves servos where they are ends what is felt
-            raise ValueError("servos and motors are on one board: give the motors a board of their own")
+        if not self.servos and not self.buttons and not self.analog:
+            raise ValueError("the board has neither servos nor buttons nor analog inputs; name at least one")
         taken: dict[int, str] = {}
         pins = [(name, servo.pin) for name, servo in self.servos.items()]
-        pins += [(name, motor.pin) for name, motor in self.motors.items()]
         pins += [(name, button.pin) for name, button in self.buttons.items()]
         pins += [(name, analog.pin) for name, analog in self.analog.items()]
         for name, pin in pins:

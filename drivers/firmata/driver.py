@@ -1,4 +1,4 @@
-"""An Arduino board with StandardFirmata: servos that follow angles, motors that vibrate, buttons that report.
+"""An Arduino board with StandardFirmata: servos that follow angles, buttons that report.
 
 Firmata has neither a heartbeat nor a watchdog: if the host dies, the board continues with its last pulses. So a
 version query follows each command; its answer shows that the board has taken the command. The next command waits
@@ -15,7 +15,7 @@ import numpy as np
 from srl.drivers.firmata import protocol
 from srl.drivers.firmata.analog import Analog
 from srl.drivers.firmata.buttons import Buttons
-from srl.drivers.firmata.config import ButtonConfig, Calibration, Drive, FirmataConfig, MotorConfig
+from srl.drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
 from srl.drivers.firmata.identify import FLASH, identify, listen, require, who
 from srl.drivers.firmata.protocol import Decoder, Mode
 from srl.drivers.transport import Transport, open_transport
@@ -25,7 +25,6 @@ from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
 
 COMMAND = "position_command"
-INTENSITY = "intensity_command"
 PERIOD = 0.05  # s: a command waits for the answer to the one before, over USB with a latency timer of 16 ms
 ASK_ACTIVE = 400_000_000  # ns between version queries while `write` is called
 ASK_IDLE = 500_000_000  # ns between version queries otherwise
@@ -38,10 +37,9 @@ SMALLEST_MAX_US = 1892
 
 
 class Firmata(Driver):
-    """Servos or motors, and inputs, on one board.
+    """Servos and buttons on one board.
 
-    Command `position_command`, shape (n,), rad: the servos in the profile's order. Command `intensity_command`, shape
-    (n,), 0 to 1: the vibration motors; every stop, and closing, switches them off. State `buttons`, shape
+    Command `position_command`, shape (n,), rad: the servos in the profile's order. State `buttons`, shape
     (m,): 1 pressed, 0 released, debounced. State `analog`, shape (k,): the analog inputs, in the profile's unit; with
     them the device is as old as the oldest of their readings. Source: Firmata protocol 2.5 (protocol.md).
 
@@ -50,10 +48,10 @@ class Firmata(Driver):
     """
 
     Config = FirmataConfig
-    summary = "Arduino with StandardFirmata: hobby servos or vibration motors, push buttons, analog inputs (USB serial)"
+    summary = "Arduino with StandardFirmata: hobby servos, push buttons, analog inputs (USB serial)"
     usb = ("2341", "2a03", "1a86")  # Arduino twice, and the CH340 of many boards like it
     gives = ("buttons", "analog")
-    takes = (COMMAND, INTENSITY)
+    takes = (COMMAND,)
     calibrated = servo_record.WHAT
     max_age = 1.2
 
@@ -84,12 +82,8 @@ class Firmata(Driver):
             signal = Signal(name="analog", shape=(len(config.analog),), unit=unit, labels=tuple(config.analog))
             self.states = (*self.states, signal)
             self.max_age = Analog(config.analog, config.analog_interval).max_age
-        self._name, self._motors = (INTENSITY, config.motors) if config.motors else (COMMAND, dict[str, MotorConfig]())
-        self._pins = [servo.pin for servo in servos.values()] + [motor.pin for motor in config.motors.values()]
+        self._pins = [servo.pin for servo in servos.values()]
         self._calibrations = tuple(servo.calibration for servo in servos.values())
-        self._outputs: tuple[Calibration | Drive, ...] = self._calibrations
-        if config.motors:
-            self._declare_motors(config)
         if servos:
             self.limits[COMMAND] = Limits(
                 lower=np.array([servo.lower for servo in self._calibrations]),
@@ -125,24 +119,6 @@ class Firmata(Driver):
         self._limp_frames = (self._limp_frame,)
         self._hold_frames: tuple[bytes, ...] | None = None
         self._forget()
-
-    def _declare_motors(self, config: FirmataConfig) -> None:
-        motors = config.motors.values()
-        drives = tuple(motor.drive for motor in motors)
-        self.commands = (
-            Command(
-                name=INTENSITY, shape=(len(drives),), unit="1", labels=tuple(config.motors), kind=Kind.INTENSITY,
-                stops=(Stop.OFF,), period=PERIOD,
-                resolution=tuple(1 / (drive.most - drive.least) for drive in drives),
-            ),
-        )  # fmt: skip
-        self.home[INTENSITY] = np.zeros(len(drives))
-        self.limits[INTENSITY] = Limits(
-            level=np.ones(len(drives)),
-            on_time=np.array([motor.on_time for motor in motors]),
-            duty=np.array([motor.duty for motor in motors]),
-        )
-        self._outputs = drives
 
     def open(self) -> None:
         """Blocks up to 10 s, mostly for the board's boot. Servos stay detached."""
@@ -193,10 +169,10 @@ class Firmata(Driver):
         if not self.commands:
             return
         self._limp = False
-        angles = self.command_arrays[self._name].tolist()
+        angles = self.command_arrays[COMMAND].tolist()
         wanted = [
-            output.pulse(angle) if math.isfinite(angle) else 0 if self._motors else sent
-            for output, angle, sent in zip(self._outputs, angles, self._sent, strict=True)
+            calibration.pulse(angle) if math.isfinite(angle) else sent
+            for calibration, angle, sent in zip(self._calibrations, angles, self._sent, strict=True)
         ]
         frame = b"" if wanted == self._sent else self._frame(wanted)
         try:
@@ -219,25 +195,25 @@ class Firmata(Driver):
             self.health.unsent = len(frame)
 
     def stop(self, category: Stop) -> None:
-        """HOLD sends nothing, because servos keep their last pulse. LIMP detaches them. Motors go off in every stop."""
+        """HOLD sends nothing, because servos keep their last pulse. LIMP detaches them."""
         link = self._link
         if link is None:
             return
         with contextlib.suppress(DeviceError):  # the next read reports a lost link
-            if category is Stop.LIMP or self._motors:
+            if category is Stop.LIMP:
                 self._limp = any(pulse is not None for pulse in self._sent)
                 self._send_limp(link)
             else:
                 link.write(b"")  # sends the rest of a command that the kernel took in part
 
     def close(self) -> None:
-        """Servos that aren't limp keep their last pulse; motors go off."""
+        """Servos that aren't limp keep their last pulse."""
         link, self._link = self._link, None
         self.health.connected = False
         if link is None:
             return
         with contextlib.suppress(DeviceError):
-            last = self._limp_frame if self._limp or self._motors else b""
+            last = self._limp_frame if self._limp else b""
             last += b"".join(protocol.report_digital(port, False) for port in self._buttons.ports)
             last += b"".join(protocol.report_analog(channel, False) for channel in self._analog.channels)
             if last and not self._was_lost:
@@ -250,16 +226,16 @@ class Firmata(Driver):
         return who(port)
 
     def fileno(self) -> int | None:
-        """None for a board without servos or motors."""
+        """None for a board without servos."""
         return self._link.fileno() if self._link is not None and self.commands else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        """LIMP detaches, and motors go off in every one; others repeat the last pulses of the attached servos.
+        """LIMP detaches; others repeat the last pulses of the attached servos.
 
         F7 in front ends a system-exclusive message that was cut short. A shorter message that was cut is dropped
         by the board at the next command byte.
         """
-        if category is Stop.LIMP or self._motors:
+        if category is Stop.LIMP:
             return self._limp_frames
         if self._hold_frames is None:
             pulses = zip(self._pins, self._sent, strict=True)
@@ -273,23 +249,23 @@ class Firmata(Driver):
         return self._calibrations
 
     def metrics(self) -> dict[str, object]:
-        """The firmware's name, and what was sent last: pulses (µs, None while detached) or duties (of 255), by name."""
-        names, what = (self._motors, "duties") if self._motors else (self.config.servos, "pulses_us")
-        return {"firmware": self._firmware, what: dict(zip(names, self._sent, strict=True))}
+        """Returns the firmware's name, and the pulses last sent (µs, None while detached) by joint."""
+        return {
+            "firmware": self._firmware,
+            "pulses_us": dict(zip(self.config.servos, self._sent, strict=True)),
+        }
 
     def _publish(self, angles: list[float]) -> None:
         """Reports the angles whose pulses were sent, within the servos' reach; a non-finite one has no pulse."""
-        sent = self.sent_arrays[self._name]
-        for i, (angle, output) in enumerate(zip(angles, self._outputs, strict=True)):
+        sent = self.sent_arrays[COMMAND]
+        for i, (angle, servo) in enumerate(zip(angles, self._calibrations, strict=True)):
             if math.isfinite(angle):
-                sent[i] = min(max(angle, output.lower), output.upper)
+                sent[i] = min(max(angle, servo.lower), servo.upper)
 
     def _set_up(self, link: Transport) -> None:
         board = identify(link, self._decoder, self.name)
         for joint, servo in self.config.servos.items():
             require(board, servo.pin, Mode.SERVO, joint, self.name)
-        for name, motor in self.config.motors.items():
-            require(board, motor.pin, Mode.PWM, name, self.name)
         for name, button in self.config.buttons.items():
             require(board, button.pin, _input_mode(button), name, self.name)
         for name, analog in self.config.analog.items():
@@ -348,17 +324,15 @@ class Firmata(Driver):
     def _frame(self, wanted: list[int | None]) -> bytes:
         """Returns the bytes that take the servos from the pulses last sent to the wanted ones."""
         parts = []
-        if self._was_limp and not self._motors:
+        if self._was_limp:
             # The firmware never reduces its count of attached servos: without a reset it refuses the thirteenth.
             parts += [protocol.RESET, self._inputs_frame]
-        for pin, pulse, sent, output in zip(self._pins, wanted, self._sent, self._outputs, strict=True):
+        for pin, pulse, sent, servo in zip(self._pins, wanted, self._sent, self._calibrations, strict=True):
             if pulse is None or pulse == sent:
                 continue
-            if sent is None and isinstance(output, Drive):
-                parts.append(protocol.set_pin_mode(pin, Mode.PWM))
-            elif sent is None and isinstance(output, Calibration):
+            if sent is None:
                 # Once attached, a servo gets pulses of its last width or 1500 µs. So its new pulse must follow at once.
-                low, high = min(output.shortest, LARGEST_MIN_US), max(output.longest, SMALLEST_MAX_US)
+                low, high = min(servo.shortest, LARGEST_MIN_US), max(servo.longest, SMALLEST_MAX_US)
                 parts.append(protocol.servo_config(pin, low, high))
             parts.append(protocol.analog_write(pin, pulse))
         return b"".join(parts)

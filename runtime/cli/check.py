@@ -10,7 +10,6 @@ from dataclasses import asdict
 from typing import Any
 
 from srl.runtime.cli import add_command, calibrations, options, show
-from srl.runtime.contracts.errors import WiringError
 from srl.runtime.guard import GUARDS
 from srl.runtime.profile import code_files, library, profile, start_mode, wiring
 from srl.runtime.profile.connections import connections, transforms, untaken
@@ -144,26 +143,20 @@ def examine(name: str, overrides: Sequence[str] = (), sim: list[str] | None = No
 
 
 def check_guards(graph: Graph) -> dict[str, str]:
-    """Builds the guards as far as the profile alone decides them. Returns each command's stop category.
+    """Builds the guards from what is known before a device is open. Returns each command's stop category.
 
-    The values that a device reads from its own hardware aren't known before it is open. A limit that only the
-    device can give is checked at the start of a run.
+    What a device then gives as its own narrows a limit, and takes the place of none.
     """
     from srl.runtime.loop.guards import limits_of
 
-    categories = {}
+    categories, limits = {}, limits_of(graph)
     for actuator in graph.actuators:
-        limits = limits_of(graph)[actuator.name]
-        try:
-            guard = GUARDS[actuator.command.kind](
-                graph.source.place(f"guard.{actuator.name}"), actuator.command, limits,
-                float(1 / graph.profile.rate), rest=actuator.home,
-            )  # fmt: skip
-            if actuator.cleared is not None:
-                guard.check_stroke(actuator.cleared.clearance, known=False)
-        except WiringError as error:
-            if "needs limits" not in error.problem or actuator.command.feedback is None:
-                raise
+        guard = GUARDS[actuator.command.kind](
+            graph.source.place(f"guard.{actuator.name}"), actuator.command, limits[actuator.name],
+            float(1 / graph.profile.rate), rest=actuator.home,
+        )  # fmt: skip
+        if actuator.cleared is not None:
+            guard.check_stroke(actuator.cleared.clearance, known=False)
         categories[actuator.name] = str(actuator.category)
     return categories
 

@@ -15,7 +15,7 @@ class Cue(BaseModel):
 
     pulses: int = Field(2, ge=1, le=5)
     on: float = Field(0.15, ge=0.03, le=0.5, description="s, of each pulse")
-    off: float = Field(0.1, ge=0.03, le=0.5, description="s between two")
+    off: float = Field(0.25, ge=0.03, le=0.5, description="s between two; a motor that turns needs 0.2 to be still")
     level: float = Field(0.8, gt=0, le=1, description="as the guard's limits let it be")
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 from srl.runtime.contracts.clearance import Clearance
 from srl.runtime.contracts.errors import DeviceError, WiringError
 from srl.runtime.contracts.signals import Array, Command, Kind, Limits, Stop
+from srl.runtime.guard.fast import Fast
 from srl.runtime.guard.limits import INTENSITY, NAMES
 from srl.runtime.guard.sent import SentTracker, rounding
 from srl.runtime.guard.verified import VerifiedStop
@@ -22,30 +23,6 @@ SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division 
 RETRACT_SPEED = 0.25  # of the velocity limit
 RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia", *INTENSITY)
 SMALLEST, LARGEST = 1e-9, 1e9  # limits that a device gives must lie in between, in any unit
-
-
-class Fast(ABC):
-    """A guard's ordinary cycles in C (runtime/guard/compiled.py). Each method leaves the guard as Python would."""
-
-    @abstractmethod
-    def step(self, desired: Array, desired_velocity: Array | None, dt: float) -> int:
-        """A cycle of `CommandGuard.step`: 0 done, 1 done and limited, -1 nothing done and left: Python must."""
-
-    @abstractmethod
-    def taken(self, transmitted: bool, dt: float) -> bool:
-        """A cycle of `SentTracker.compare` in which all was sent as applied; False: nothing done, Python must."""
-
-    @abstractmethod
-    def leave(self) -> None:
-        """Gives the guard its state back, before Python computes a cycle."""
-
-    @abstractmethod
-    def tell(self) -> None:
-        """Gives the guard's tracker its state back."""
-
-    @abstractmethod
-    def forget(self) -> None:
-        """Drops all state: the guard begins anew."""
 
 
 class CommandGuard(ABC):
@@ -104,10 +81,10 @@ class CommandGuard(ABC):
         if missing:
             needs = ", ".join(missing)
             problem = f"a command of kind {command.kind} needs {needs}; neither profile nor device limits it"
-            raise WiringError(place, problem, f"Add {missing[0]} to {place} in the profile")
-        own = (command.kind is Kind.INTENSITY, INTENSITY)
-        foreign = [name for name in NAMES if (name in own[1]) is not own[0] and getattr(limits, name) is not None]
-        if foreign:
+            raise WiringError(place, problem, f"Add {missing[0]} there")
+        felt = command.kind is Kind.INTENSITY
+        given = [name for name in NAMES if getattr(limits, name) is not None]
+        if foreign := [name for name in given if (name in INTENSITY) is not felt]:
             problem = f"a command of kind {command.kind} has no {foreign[0]}"
             raise WiringError(place, problem, f"Take {foreign[0]} out; it is bounded by: {', '.join(self.needs)}")
         self.lower = self._flat("lower", limits.lower, -inf)

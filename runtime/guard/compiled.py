@@ -9,7 +9,8 @@ import numpy as np
 
 from srl.runtime.contracts.compiled import NotCompiledError, RetryBackoff, Step, bind
 from srl.runtime.contracts.signals import Array
-from srl.runtime.guard.base import CommandGuard, Fast
+from srl.runtime.guard.base import CommandGuard
+from srl.runtime.guard.fast import Fast
 from srl.runtime.guard.position import PositionGuard
 from srl.runtime.guard.torque import TorqueGuard
 from srl.runtime.guard.velocity import REACTION, VelocityGuard

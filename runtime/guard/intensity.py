@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from math import exp, isfinite
+
 from srl.runtime.contracts.cue import Cue
-from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Limits, Stop
 from srl.runtime.guard.base import CommandGuard
 from srl.runtime.guard.limits import INTENSITY
 
 WINDOW = 10.0  # s, the time constant of the mean that `duty` bounds
-PAUSE = 0.5  # s that an element is off once it was on for `on_time`
-RESUMES = 0.8  # of `duty`: an element that has spent it is off until its mean has fallen to this
+PAUSE = 0.5  # s at 0 that end an `on_time`
+LEAD = 0.25  # s at 0 before a cue, so that it is felt for itself
+RESERVE = 1.25  # of `duty`, for the cue of a stop
 
 
 class IntensityGuard(CommandGuard):
     """Limits a level, its rise, the time without a pause, and the mean. It falls at once.
 
-    A stop of any category is off at once, but for a cue that the profile wants then: some pulses within the same
-    limits, once. What an element has spent is remembered through stops and resets: skin and motor do, too.
+    The nearer its mean is to `duty`, the nearer to `duty` is the level that an element may have: so a contact that
+    lasts is felt for as long as it lasts, and fades. What an element has had is remembered through stops and resets, as
+    skin and motor do: with what was sent where that is more, and for as long as the cycle really took.
+
+    A stop of any category is off at once. A cue that the profile wants then follows after a pause, once.
 
     Attributes:
         stop_cue, loss_cue: given when the limb stops, and when it stops as what it follows is lost; None for none.
@@ -30,17 +35,12 @@ class IntensityGuard(CommandGuard):
         self._most, self._rise, self._on_time, self._duty = (
             self._flat(name, getattr(limits, name), 0.0) for name in INTENSITY
         )
-        for name, values in (("level", self._most), ("duty", self._duty)):
-            if (most := max(values)) > 1.0:
-                raise WiringError(self.place, f"{name} {most:g} is above 1, which is all there is", "Give 1 or less")
         self.stop_cue: Cue | None = None
         self.loss_cue: Cue | None = None
-        self._on = [0.0] * self.size  # s since the last pause
-        self._pause = [0.0] * self.size  # s that it stays off
+        self._on, self._off = [0.0] * self.size, [PAUSE] * self.size  # s that it is on, less shorter pauses; at 0
         self._mean = [0.0] * self.size
-        self._spent = [False] * self.size
         self._cue: Cue | None = None
-        self._since = 0.0  # s since the cue's begin
+        self._since = 0.0  # s since the stop began
 
     def announce(self, loss: bool) -> None:
         """The limb begins to stop; `loss`: as what it follows is lost."""
@@ -54,28 +54,32 @@ class IntensityGuard(CommandGuard):
         for i in which:
             self.applied.flat[i] = sent[i]
 
-    def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
-        before = self.applied.ravel().tolist()
-        for i, (wanted, level) in enumerate(zip(desired, before, strict=True)):
-            self.applied.flat[i] = self._allowed(i, min(max(wanted, 0.0), level + self._rise[i] * dt), dt)
+    def _span(self, dt: float) -> float:
+        """Charges what the elements have had since the cycle before, however long that was."""
+        had = self.applied.ravel().tolist()
+        sent = had if self._sent is None else self._sent.ravel().tolist()
+        for i, (a, s) in enumerate(zip(had, sent, strict=True)):
+            level = max(a, s) if isfinite(s) else a
+            self._mean[i] += (level - self._mean[i]) * (1.0 - exp(-dt / WINDOW))
+            self._off[i] = 0.0 if level > 0.0 else self._off[i] + dt
+            self._on[i] = 0.0 if self._off[i] >= PAUSE else self._on[i] + dt * (level > 0.0)
+        return super()._span(dt)
 
-    def _allowed(self, i: int, level: float, dt: float) -> float:
-        """What an element may have of a level for dt s."""
-        level = min(level, self._most[i])
-        self._pause[i] = max(self._pause[i] - dt, 0.0)
-        self._spent[i] = self._mean[i] > (RESUMES if self._spent[i] else 1.0) * self._duty[i]
-        if self._on[i] + dt > self._on_time[i]:
-            self._pause[i], self._on[i] = PAUSE, 0.0
-        if self._pause[i] > 0.0 or self._spent[i]:
-            level = 0.0
-        self._on[i] = self._on[i] + dt if level > 0.0 else 0.0
-        self._mean[i] += (level - self._mean[i]) * min(dt / WINDOW, 1.0)
-        return level
+    def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
+        self._go(desired, dt)
+
+    def _go(self, wanted: list[float], dt: float, cue: bool = False) -> None:
+        """Applies what the limits let be of a level. A cue is short, and has a reserve of its own."""
+        before = self.applied.ravel().tolist()
+        for i, (want, level) in enumerate(zip(wanted, before, strict=True)):
+            duty = min(RESERVE * self._duty[i], 1.0) if cue else self._duty[i]
+            fades = 1.0 - (1.0 - duty) * min(self._mean[i] / duty, 1.0)  # 1 after a rest, duty once the mean is that
+            over = not cue and self._on[i] + dt > self._on_time[i]
+            most = 0.0 if over else min(self._most[i], fades, level + self._rise[i] * dt)
+            self.applied.flat[i] = min(max(want, 0.0), most)
 
     def _halt(self, category: Stop, dt: float) -> None:
-        level = 0.0
-        if self._cue is not None:
-            level = self._cue.at(self._since)
-            self._since += dt
-        self._follow([level] * self.size, None, dt)
+        level = self._cue.at(self._since - LEAD) if self._cue is not None else 0.0
+        self._since += dt
+        self._go([level] * self.size, dt, cue=True)
         self.at_rest = True

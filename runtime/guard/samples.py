@@ -221,7 +221,8 @@ class SampleCheck:
         dt = np.minimum(longest, usual)
         with np.errstate(invalid="ignore", over="ignore"):
             known = np.isfinite(values)
-            outside = known & ((values < low) | (values > high))
+            # What isn't finite isn't known; but a joint that is at infinity is wrong.
+            outside = (known | (judged & np.isinf(values))) & ((values < low) | (values > high))
             reach = np.where(judged, slack + speed * dt, np.inf)
             far = known & judged & ~(np.abs(values - state[:, _LAST]) <= reach)
             sure = count >= AGREE

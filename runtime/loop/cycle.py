@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from operator import attrgetter, is_not
 
 import numpy as np
 
@@ -48,6 +49,7 @@ _FAULT_SOURCE, _CATEGORY, _FLAGS = CYCLE.fault_source, CYCLE.category, CYCLE.fla
 _LATCHES, _REFUSED = CYCLE.latches, CYCLE.refused
 _REQUEST = slice(CYCLE.request, CYCLE.request_origin + 1)
 _STOPS = (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT)
+_bound = attrgetter("output", "input", "applied", "param", "transform")  # what a law is given by `bind`
 _STARTS = (RequestKind.START, RequestKind.RESET)
 
 
@@ -97,8 +99,7 @@ class Cycle:
             (
                 law.controller,
                 compiled or law.controller,
-                law.controller.input,
-                law.controller.output,
+                _bound(law.controller),
                 law.reads,
                 law.measured,
                 law.writes,
@@ -224,7 +225,7 @@ class Cycle:
         self._gravity_ok = True
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
         fresh = self._was is not State.ACTIVE
-        for i, (controller, law, input, output, reads, measured, writes) in enumerate(self._laws):
+        for i, (controller, law, bound, reads, measured, writes) in enumerate(self._laws):
             try:
                 for index, array in reads:
                     floats.take(index, 0, array, "clip")
@@ -233,8 +234,9 @@ class Cycle:
                 if fresh:
                     law.reset()
                 law.update(dt)
-                if controller.output is not output or controller.input is not input:
-                    raise TypeError("it has put something else in the place of self.output or self.input")
+                # By identity: two that are equal aren't the same.
+                if any(map(is_not, _bound(controller), bound)):
+                    raise TypeError("it has put something else in the place of self.output, or another that is bound")
                 for index, array in writes:
                     floats[index] = array
             except Exception:

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf, isfinite, nan
+from operator import attrgetter, is_not
 from struct import Struct
 from typing import ParamSpec, TypeVar
 
@@ -34,6 +35,7 @@ SILENT = 2_000_000_000  # ns that an active device may take for its first comman
 _HEALTH = DEVICE.commands  # number of header fields that `Health` gives
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
 _COMMANDS = DEVICE.commands
+_bound = attrgetter("state_arrays", "command_arrays", "sent_arrays")  # what a driver is given by `bind`
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -57,6 +59,7 @@ class Device:
         """`report` takes the text of an event. The other arguments are described above."""
         self.driver, self.header, self.actuators = driver, header, actuators
         self.lost = False
+        self._arrays = _bound(driver)
         self.on_loss: Callable[[Device], None] = lambda device: None
         self.on_return: Callable[[Device], None] = lambda device: None
         self.header[DEVICE.stamp] = -1
@@ -112,7 +115,7 @@ class Device:
         if was_lost:
             self._await_return(now)
         else:
-            self._call("read", now, self.driver.read, now)
+            self._call("read", now, self._read, now)
             # What a device left behind when it was lost is no sample of the one that is back.
             if not self.lost and self.driver.health.stamp not in (-1, self._left):
                 self._left = -1
@@ -136,6 +139,11 @@ class Device:
             link |= LINK_ERROR * bool(self._failing)
         errors = health.errors + self._samples.refused
         self._tell(self._stamp, link, health.frames, errors, health.resyncs, health.reconnects)
+
+    def _read(self, now: int) -> None:
+        self.driver.read(now)
+        if any(map(is_not, _bound(self.driver), self._arrays)):
+            raise TypeError("it has put something else in the place of self.state_arrays, or another that is bound")
 
     def _judge(self, now: int) -> None:
         """Takes the sample that the driver has read, unless it can't be true; then the one before stays."""

@@ -75,14 +75,22 @@ class GuardEntry(GuardLimits):
             return given
         raise OptionError(f"{given!r} isn't a following error", "Give {window: ..., timeout: ...}, or off: no check")
 
-    def check(self, command: Command, place: str) -> None:
-        """Raises WiringError: it says what such a command hasn't, or can't be; `place` is that of this entry."""
+    def check(self, command: Command, place: str, dt: float) -> None:
+        """Raises WiringError: it says what such a command hasn't, or can't be in cycles of `dt` s.
+
+        `place` is that of this entry.
+        """
         self.window(command, place)
         felt = command.kind is Kind.INTENSITY
         if not felt and (self.stop_cue or self.loss_cue):
             raise WiringError(place, f"a command of kind {command.kind} gives no cues", "Give them to an intensity")
         if felt and "following_error" in self.model_fields_set:
             raise WiringError(f"{place}.following_error", "nothing measures what is felt", "Take it out")
+        for key in ("stop_cue", "loss_cue"):
+            cue = getattr(self, key)
+            if cue is not None and min(cue.on, cue.off) < 2 * dt:
+                problem = f"a pulse or pause of {min(cue.on, cue.off):g} s is less than two cycles of {dt:g} s"
+                raise WiringError(f"{place}.{key}", problem, f"Give `on` and `off` {2 * dt:g} s at least")
 
     def window(self, command: Command, place: str) -> Array | None:
         """(size,): the window of the following error; None: the profile gives none, or it is `off`.

@@ -18,7 +18,7 @@ from srl.runtime.contracts.driver import Driver, Sensor
 from srl.runtime.contracts.errors import ProfileError, SrlError, WiringError, nearest
 from srl.runtime.contracts.frames import Measured
 from srl.runtime.contracts.renamed import refuse_old_names
-from srl.runtime.contracts.signals import Array, Command, Signal
+from srl.runtime.contracts.signals import Array, Command, Kind, Signal, Stop
 from srl.runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from srl.runtime.contracts.world import World
 from srl.runtime.ipc.row import Row
@@ -241,7 +241,7 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver], cleared: dict[st
         place = b.source.place(f"guard.{name}")
         if name not in commands:
             raise WiringError(place, f"no command is called '{name}'", nearest(name, commands))
-        entry.check(commands[name], place)
+        entry.check(commands[name], place, 1 / float(b.profile.rate))
     switches.check(b, devices)
     measured_frames.check_signals(b)
 
@@ -293,7 +293,14 @@ def _actuators(
             if home is not None and np.shape(home) != command.shape:
                 problem = f"the home of '{name}' has shape {np.shape(home)}, the command {command.shape}"
                 raise WiringError(b.source.place(f"devices.{device.name}"), problem, "Give each element its home")
-            if state is None and home is None:
+            if command.kind is Kind.INTENSITY and command.stops != (Stop.OFF,):
+                raise WiringError(
+                    b.source.place(f"devices.{device.name}"),
+                    f"its driver says that '{name}', which is what the wearer feels, stops by: "
+                    f"{', '.join(command.stops)}",
+                    "An intensity ends at once: give the driver's Command stops=(Stop.OFF,)",
+                )
+            if state is None and home is None and command.kind is not Kind.INTENSITY:
                 raise WiringError(
                     b.source.place(f"devices.{device.name}"),
                     f"'{name}' has no feedback, so the runtime can't know where it starts",

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from srl.runtime.contracts.driver import Driver
 from srl.runtime.contracts.errors import DeviceError, DeviceLostError
-from srl.runtime.contracts.signals import Stop
+from srl.runtime.contracts.signals import Kind, Stop
 from srl.runtime.contracts.terms import POSITION_OF
 from srl.runtime.testing.bound import bound
 
@@ -49,7 +49,9 @@ def can_be_stopped(driver: Driver) -> None:
     for command in driver.commands:
         assert command.stops, f"{name}.{command.name} can't be stopped: `stops` is empty"
         assert command.period, f"{name}.{command.name} declares no `period`: how often does a command leave?"
-        if command.feedback is None:
+        if command.kind is Kind.INTENSITY:
+            assert command.stops == (Stop.OFF,), f"{name}.{command.name} is an intensity: its only stop is `off`"
+        elif command.feedback is None:
             assert command.name in driver.home, f"{name}.{command.name} has no feedback, so it needs a `home`"
         else:
             measured = states.get(command.feedback)

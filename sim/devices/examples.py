@@ -112,6 +112,7 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
         "udp://127.0.0.1:0",
     ),
     "ur": ({}, {}, _cell(arm={"part": "ur16e"}), "tcp://127.0.0.1:9"),
+    "vibration-motors": ({"motors": {"wrist": {"pin": 5}}}, {}, CELL, "tcp://127.0.0.1:9"),
     "vicon": ({"segments": {"wand": "wand/wand"}}, {}, _cell(wand={"part": "mocap-body"}), "tcp://127.0.0.1:9"),
     "xsens-mti": ({}, {}, _cell(imu={"part": "imu"}), "tcp://127.0.0.1:9"),
     "xsens-mvn": ({}, {}, _cell(body={"part": "body"}), "udp://127.0.0.1:0"),

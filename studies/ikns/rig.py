@@ -12,8 +12,9 @@ from typing import Any, Final
 import numpy as np
 from ruamel.yaml import YAML
 
-from srl.control.ikns.calibration import Calibration, Recording, Thresholds, calibrate, refusals
+from srl.control.ikns.calibration import Calibration, Recording, calibrate, refusals
 from srl.control.ikns.record import Record
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.files import Files
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Dof, Explore, Hold, Instruction

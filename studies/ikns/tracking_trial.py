@@ -20,9 +20,10 @@ from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import LOOK, Simulated
 from srl.control.ikns import record
-from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.control.ikns.calibration import CalibrationError
 from srl.control.ikns.record import RecordError
 from srl.control.ikns.sibson import Sibson
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Follow, Hold
 from srl.sim.devices.gamepad.fake import FakeGamepad

@@ -29,7 +29,7 @@ class Sending:
 
     def __init__(self, arrays: dict[str, np.ndarray]) -> None:
         self.sent_arrays = arrays
-        self.states, self.state_arrays = (), {}
+        self.states, self.state_arrays, self.command_arrays = (), {}, {}
 
 
 def device(in_c: bool) -> tuple[Device, list[np.ndarray], list[np.ndarray]]:

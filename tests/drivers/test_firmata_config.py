@@ -66,7 +66,7 @@ def test_a_trim_shifts_every_pulse_and_takes_from_the_reach_what_it_pushes_out()
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        ({}, "neither servos, motors, buttons"),
+        ({}, "neither servos nor buttons"),
         ({"servos": {"a": servo(9, min_us=500)}}, "greater than or equal to 544"),
         ({"servos": {"a": servo(9, max_us=2500)}}, "less than or equal to 2400"),
         ({"servos": {"a": servo(9, min_us=2000, max_us=1000)}}, "must be less than max_us"),

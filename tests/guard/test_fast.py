@@ -7,7 +7,7 @@ import pytest
 
 from srl.runtime.contracts.signals import Array, Command, Kind, Stop
 from srl.runtime.guard import GUARDS, CommandGuard, GuardLimits
-from srl.runtime.guard.base import Fast
+from srl.runtime.guard.fast import Fast
 
 DT = 0.01
 

@@ -74,8 +74,16 @@ def test_a_value_that_is_not_known_is_none_that_is_wrong() -> None:
     arm = Arm().was_active()
     arm.at(0.1, 0.2, cycles=AGREE)
     assert arm.at(np.nan, 0.2)
-    assert arm.at(np.inf, 0.2)
     assert not arm.at(0.5, 0.2)  # and it hides no jump
+    assert arm.at(0.1, 0.2)
+
+
+@pytest.mark.parametrize("place", [np.inf, -np.inf])
+def test_a_joint_that_is_at_infinity_is_wrong_not_unknown(place: float) -> None:
+    arm = Arm().was_active()
+    arm.at(0.1, 0.2, cycles=AGREE)
+    assert not arm.at(place, 0.2)
+    assert arm.place == [0.1, 0.2]
     assert arm.at(0.1, 0.2)
 
 

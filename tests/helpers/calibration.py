@@ -12,7 +12,7 @@ from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.steps import Kind, Step
 from srl.commissioning.calibration.profile_subset import build, subset
 from srl.commissioning.calibration.sources import Rows, RowSource
-from srl.control.ikns.calibration import Thresholds
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.signals import Array
 from srl.runtime.ipc.header import CYCLE, State
 from srl.runtime.ipc.row import Row

@@ -14,8 +14,9 @@ from typing import cast
 import numpy as np
 import pinocchio as pin
 
-from srl.control.ikns.calibration import Recording, Thresholds, calibrate
+from srl.control.ikns.calibration import Recording, calibrate
 from srl.control.ikns.record import Record, write
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.signals import Array
 
 UPPER, FORE, HAND, CLAVICLE = 0.326, 0.256, 0.09, 0.16  # m

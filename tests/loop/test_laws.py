@@ -42,6 +42,22 @@ def test_a_law_that_found_contact_or_lost_what_it_follows_stops_the_limb_until_a
     assert abs(np.diff(np.array(b.arm.sent)[:, 0])).max() <= SPEED * 0.01 * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("name", ["input", "output", "applied", "param", "transform"])
+def test_a_law_with_arrays_of_its_own_in_the_place_of_the_bound_ones_stops_the_limb(tmp_path: Path, name: str) -> None:
+    """It would go on with the values of before, or with what nobody sees."""
+    b = Bench(tmp_path)
+    law = b.cycle.graph.laws[0].controller
+
+    def script(k: int) -> None:
+        b.hand.values["position"][:] = 1.5
+        if k == 50:
+            setattr(law, name, dict(getattr(law, name)))
+
+    b.run(60, script)
+    assert b.header("cause")[50] == Cause.CONTROLLER_ERROR
+    assert any("in the place of" in said for said in b.events)
+
+
 def test_each_time_motion_begins_a_law_is_reset_once_before_its_first_cycle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

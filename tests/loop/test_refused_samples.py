@@ -22,7 +22,8 @@ class InDegrees:
 
     def __init__(self) -> None:
         self.states = (Signal(name="position", shape=(1,), unit="rad", labels=("index",), plausible=(-3.0, 3.0)),)
-        self.state_arrays, self.sent_arrays = {"position": np.zeros(1)}, dict[str, np.ndarray]()
+        self.state_arrays = {"position": np.zeros(1)}
+        self.command_arrays, self.sent_arrays = dict[str, np.ndarray](), dict[str, np.ndarray]()
         self.health = Health(connected=True)
 
     def read(self, now: int) -> None:

@@ -125,7 +125,21 @@ def _scribbled(arm: Any) -> None:
     np.clip(arm.command_arrays["command"], -0.1, 0.1, out=arm.command_arrays["command"])
 
 
-@pytest.mark.parametrize("defect", [_replaced, _misshaped, _forgotten, _misnamed, _scribbled])
+def _arrays_of_its_own(arm: Any) -> None:
+    arm.state_arrays = {name: array.copy() for name, array in arm.state_arrays.items()}
+
+
+def _commands_of_its_own(arm: Any) -> None:
+    arm.command_arrays = {name: array.copy() for name, array in arm.command_arrays.items()}
+
+
+@pytest.mark.parametrize(
+    "defect",
+    [
+        _replaced, _misshaped, _forgotten, _misnamed, _scribbled,
+        _arrays_of_its_own, _commands_of_its_own,
+    ],
+)  # fmt: skip
 def test_a_driver_that_reports_wrongly_stops_the_limb_and_not_the_loop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, defect: Any
 ) -> None:

@@ -13,8 +13,8 @@ from typing import Final
 from pydantic import Field
 
 from srl.commissioning.calibration.marks import MarkLaw
-from srl.control.ikns.calibration import Thresholds
 from srl.control.ikns.record import Name
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.controller import ControllerConfig
 
 IDLE: Final = 0

@@ -22,7 +22,8 @@ from srl.commissioning.calibration.marks import stretch_of
 from srl.commissioning.calibration.method import Method, Say, names, settings
 from srl.commissioning.calibration.request import CalibrationRequest
 from srl.control.ikns import record
-from srl.control.ikns.calibration import Calibration, CalibrationError, Thresholds
+from srl.control.ikns.calibration import Calibration, CalibrationError
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.errors import RequestError, nearest
 from srl.runtime.contracts.wearer import Dof
 from srl.runtime.ipc.layout import Layout

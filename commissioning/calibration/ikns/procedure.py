@@ -16,8 +16,9 @@ from srl.commissioning.calibration.guided import StepProcedure, View
 from srl.commissioning.calibration.ikns import marks
 from srl.commissioning.calibration.ikns.samples import LEAST_POINTS, Samples
 from srl.commissioning.calibration.ikns.steps import Kind, Progress, Step
-from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.control.ikns.calibration import CalibrationError
 from srl.control.ikns.clusters import box_points, hand_speed
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.options import Options
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest

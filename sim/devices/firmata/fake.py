@@ -13,12 +13,11 @@ from pydantic import ConfigDict, Field
 from srl.drivers.firmata import Firmata
 from srl.drivers.firmata.analog import FULL, Analog
 from srl.drivers.firmata.config import Calibration, FirmataConfig
-from srl.drivers.firmata.driver import COMMAND, INTENSITY
+from srl.drivers.firmata.driver import COMMAND
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.firmata.motors import Motors
 from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell
 from srl.sim.parts.hand.servos import Servos
 
@@ -54,9 +53,6 @@ class FakeFirmataConfig(FakeConfig):
     analog: dict[str, list[tuple[float, float]]] = Field(
         default={}, description="of an analog input: [[s, share of the supply], ...], lines between; else a wave"
     )
-    felt_above: float = Field(
-        default=0.1, ge=0, lt=1, description="of a motor's full vibration: the wearer feels what is above it (assumed)"
-    )
     person: str | None = Field(default=None, description="the cell's part that presses the buttons, besides `presses`")
     loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the board is gone")
 
@@ -90,7 +86,6 @@ class FakeFirmata(Fake):
         self._truth = tuple(self._calibrations)
         for joint, ends in options.characteristic.items():
             self._seat(joint, ends, config)
-        self.felt = Motors(config.motors, options.felt_above)
         n = len(self._joints)
         self._turns: list[str] = []  # the name of the world's servo that each of the board's is
         if n:
@@ -199,9 +194,6 @@ class FakeFirmata(Fake):
         self._check()
         if not self.commands:
             return
-        if self.config.motors:
-            self._drive(self.command_arrays[INTENSITY].tolist())
-            return
         targets: dict[str, float | None] = {}
         for i, angle in enumerate(self.command_arrays[COMMAND].tolist()):
             if not math.isfinite(angle):
@@ -213,27 +205,19 @@ class FakeFirmata(Fake):
             targets[self._turns[i]] = self._angle(i, calibration.pulse(angle))
         self._send(targets)
 
-    def _drive(self, intensities: list[float]) -> None:
-        for i, (level, motor) in enumerate(zip(intensities, self.config.motors.values(), strict=True)):
-            if math.isfinite(level):
-                self.sent_arrays[INTENSITY][i] = min(max(level, 0.0), 1.0)
-                self.felt.drive(i, motor.drive.pulse(level) / 255, self.world.time)
-
     def stop(self, category: Stop) -> None:
-        """LIMP detaches the servos; any other category keeps their last pulse. Motors go off."""
-        self.felt.off(self.world.time)
+        """LIMP detaches the servos; any other category keeps their last pulse."""
         if category is Stop.LIMP and self.health.connected:
             for i in range(len(self._joints)):
                 self.detach(i)
 
     def close(self) -> None:
-        """Servos that weren't made limp continue with their last pulse; motors go off."""
-        self.felt.off(self.world.time)
+        """Servos that weren't made limp continue with their last pulse."""
         self.health.connected = False
 
     def metrics(self) -> dict[str, object]:
-        """Pulse widths (us, None while detached) by joint; what the wearer has felt of each motor."""
-        return {"pulses_us": dict(zip(self._joints, self._pulses, strict=True))} | self.felt.metrics(self.world.time)
+        """Pulse widths (us, None while detached) by joint."""
+        return {"pulses_us": dict(zip(self._joints, self._pulses, strict=True))}
 
     # -- the board itself, used by the fake and the twin; joints and buttons by their number in the profile
 

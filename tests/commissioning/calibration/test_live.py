@@ -22,7 +22,7 @@ from srl.commissioning.calibration.profile_subset import build, subset
 from srl.commissioning.calibration.screen import Plain
 from srl.commissioning.calibration.sources import Rows, recorded
 from srl.commissioning.calibration.target import write_record
-from srl.control.ikns.calibration import Thresholds
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.wearer import Instruction
 from srl.runtime.ipc.control_socket import send_request
 from srl.runtime.ipc.header import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, Latch, State

@@ -21,7 +21,7 @@ from srl.commissioning.calibration.ikns.procedure import Procedure
 from srl.commissioning.calibration.ikns.steps import Kind
 from srl.commissioning.calibration.sources import RowFile
 from srl.control.ikns import record
-from srl.control.ikns.calibration import Thresholds
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.cli import main
 
 QUICK = ["static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60"]

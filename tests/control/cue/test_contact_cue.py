@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from srl.control.cue.contact_cue import ContactCue, ContactCueConfig
 from srl.control.cue.state_cue import StateCue, StateCueConfig
 from srl.runtime.contracts.cue import Cue
-from srl.sim.devices.firmata.fake import FakeFirmata
+from srl.sim.devices.vibration_motors.fake import FakeVibrationMotors
 from srl.testing import ControllerConformance, Lab, bound
 
 DT = 0.01
@@ -69,13 +69,38 @@ def test_each_element_has_its_own_motor() -> None:
 
 
 @given(st.lists(st.floats(-1e9, 1e9) | st.sampled_from([np.nan, np.inf, -np.inf]), min_size=1, max_size=60))
-def test_it_is_from_0_to_1_whatever_comes_and_what_isnt_known_is_nothing(loads: list[float]) -> None:
+def test_it_is_from_0_to_1_whatever_comes_and_what_isnt_known_is_0(loads: list[float]) -> None:
     made = law(**EACH)
     for load in loads:
         left, right = step(made, load, 0.0)
         assert 0.0 <= left <= 1.0
         assert right == 0.0
-        assert np.isfinite(load) or left == 0.0
+        assert not np.isnan(load) or left == 0.0
+        assert not np.isinf(load) or left == 1.0
+
+
+def test_the_magnitude_is_that_of_what_is_known_and_an_infinite_load_is_a_full_one() -> None:
+    made = law(tap=0.0)
+    assert step(made, np.nan, 3.0) == [pytest.approx(0.2 + 0.8 * 0.5)]
+    assert step(made, np.inf, np.nan) == [1.0]
+    assert step(made, -np.inf, 0.0) == [1.0]
+
+
+def test_a_load_that_stays_unknown_is_a_loss_until_a_reset() -> None:
+    made = law()
+    for _ in range(49):
+        step(made, np.nan, 0.0)
+    assert not made.lost
+    step(made, 0.0, 0.0)  # it is there again
+    for _ in range(52):
+        step(made, 0.0, np.nan)
+    assert made.lost
+    made.reset()
+    assert not made.lost
+    patient = law(max_hold=np.inf)
+    for _ in range(500):
+        step(patient, np.nan, np.nan)
+    assert not patient.lost
 
 
 def test_a_cue_is_given_as_the_limb_begins_to_follow() -> None:
@@ -129,18 +154,18 @@ def test_the_wearer_feels_the_thumbs_contact_and_every_stop_is_off_but_for_its_c
     lab.until("active")
 
 
-def test_a_cuff_at_fault_is_told_to_switch_off(lab: Lab) -> None:
+def test_a_cuff_at_fault_is_switched_off(lab: Lab) -> None:
     """No command follows to a board that is stale or at fault, and it would go on with what it had."""
     lab.run(1.0)
     lab.until("cuff.intensity_command", above=0.9, most=10.0)
-    (cuff,) = (device for device in lab._graph.devices if isinstance(device, FakeFirmata))
+    (cuff,) = (device for device in lab._graph.devices if isinstance(device, FakeVibrationMotors))
     lab.run(0.05)
     lab.fault("cuff", "refusing")
     lab.until("stopped")
     lab.run(0.05)
     at = lab._graph.world.time if lab._graph.world is not None else 0
-    before = cuff.felt.levels(at)["wrist"]
-    assert cuff.felt.levels(at + 1_000_000_000)["wrist"] < 0.01 * max(before, 0.01)
+    before = cuff.felt[0].vibration(at)
+    assert cuff.felt[0].vibration(at + 1_000_000_000) < 0.01 * max(before, 0.01)
 
 
 def test_a_lost_cuff_stops_the_limb(lab: Lab) -> None:

@@ -13,9 +13,10 @@ from helpers.null_space_arm import HALF, MIDDLE, POINTS, Arm, recorded
 from numpy.linalg import norm
 
 from srl.control.ikns import calibration
-from srl.control.ikns.calibration import Calibration, CalibrationError, Recording, Thresholds, calibrate, refusals
+from srl.control.ikns.calibration import Calibration, CalibrationError, Recording, calibrate, refusals
 from srl.control.ikns.clusters import box_points, hand_speed, k_means, trimmed
 from srl.control.ikns.sibson import Sibson
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.signals import Array
 
 FEW = Thresholds(samples=30)

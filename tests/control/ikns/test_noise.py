@@ -7,9 +7,10 @@ import pytest
 from helpers.null_space_arm import POINTS
 
 from srl.control.ikns.arm_angles import one_arm
-from srl.control.ikns.calibration import Calibration, Recording, Thresholds, calibrate
+from srl.control.ikns.calibration import Calibration, Recording, calibrate
 from srl.control.ikns.markers import MarkerFit
 from srl.control.ikns.noise import noise_of_c
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.models.body import average
 
 POSTURE = np.deg2rad([25.0, 30.0, 15.0, 80.0, 10.0, 5.0, 0.0])

@@ -11,7 +11,8 @@ from srl.commissioning.calibration.ikns.marks import EXPLORATION, IDLE, STATIC, 
 from srl.commissioning.calibration.ikns.procedure import Plan, Procedure
 from srl.commissioning.calibration.ikns.samples import Samples
 from srl.commissioning.calibration.ikns.steps import Kind, Step
-from srl.control.ikns.calibration import CalibrationError, Thresholds
+from srl.control.ikns.calibration import CalibrationError
+from srl.control.ikns.thresholds import Thresholds
 from srl.runtime.contracts.signals import Array
 
 PLAN = Plan(static=1.0, exploration=3.0, trial=1.0, settle=0.2, patience=2.0)

@@ -1,0 +1,1 @@
+"""Vibration motors in the simulated world, and their wearer."""

@@ -1,0 +1,124 @@
+"""An Uno with StandardFirmata on a link that can lose bytes, and the driver of its motors, without a clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from srl.drivers.transport import Transport
+from srl.drivers.vibration_motors import VibrationMotors
+from srl.sim.devices.firmata.standard_firmata import BOOT, OUTPUT, PINS, StandardFirmata
+
+MOTORS: dict[str, dict[str, Any]] = {"wrist": {"pin": 5, "start": 0.25, "full": 0.75}, "elbow": {"pin": 6}}
+STEP = 10_000_000  # ns of a cycle
+
+
+def keep(data: bytes) -> bytes:
+    """Nothing is lost."""
+    return data
+
+
+class MotorBoard(Transport):
+    """The link to the board, which answers at once; `heard` and `answered` change what passes in each direction.
+
+    Attributes:
+        pwm: the duties that pins have now, 0 to 255.
+        received: the bytes that the board got.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("test", "cuff")
+        self.heard: Callable[[bytes], bytes] = keep
+        self.answered: Callable[[bytes], bytes] = keep
+        self.pwm = [0] * PINS
+        self.received = b""
+        self._coming = b""
+        self.firmware = StandardFirmata(self)
+
+    def restart(self, banner: bytes = BOOT) -> None:
+        """After a dip of its supply."""
+        self.pwm = [0] * PINS
+        self.firmware = StandardFirmata(self)
+        self._coming += banner
+
+    # -- the link
+
+    def read_wait(self, timeout_s: float) -> bytes:
+        return self.read()
+
+    def fileno(self) -> int:
+        return -1
+
+    def _take(self, most: int) -> bytes:
+        if not self._coming:
+            raise BlockingIOError
+        data, self._coming = self._coming[:most], self._coming[most:]
+        return data
+
+    def _give(self, data: bytes) -> int:
+        passed = self.heard(data)
+        self.received += passed
+        self._coming += self.answered(self.firmware.receive(passed))
+        return len(data)
+
+    def _queued(self) -> int:
+        return 0
+
+    def _shut(self) -> None: ...
+
+    # -- the pins
+
+    def duty(self, pin: int, value: int) -> None:
+        self.pwm[pin] = value
+
+    def level(self, pin: int, pull_up: bool) -> bool:
+        return pull_up
+
+    def reading(self, pin: int) -> int:
+        return 0
+
+    def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None: ...
+
+    def servo_pulse(self, pin: int, pulse_us: int) -> None: ...
+
+    def servo_detached(self, pin: int) -> None: ...
+
+    @property
+    def on(self) -> bool:
+        """Whether a motor turns; a pin that isn't PWM is low unless somebody has written 1."""
+        f = self.firmware
+        high = any(f._mode[pin] == OUTPUT and f._state[pin] for pin in range(PINS))
+        return high or any(self.pwm)
+
+
+def vibration_motors(port: str = "/dev/null", **options: Any) -> VibrationMotors:
+    """A driver with its arrays bound, closed."""
+    driver = VibrationMotors("cuff", VibrationMotors.Config.model_validate({"port": port, "motors": MOTORS} | options))
+    driver.bind({}, {"intensity_command": np.zeros(len(driver.config.motors))})
+    return driver
+
+
+class Rig:
+    """The driver in cycles of 10 ms."""
+
+    def __init__(self, driver: VibrationMotors) -> None:
+        self.driver, self.now = driver, 0
+
+    def cycle(self, *levels: float) -> None:
+        """One with a command; without `levels` one in which the device isn't active."""
+        self.now += STEP
+        self.driver.read(self.now)
+        if levels:
+            self.driver.command_arrays["intensity_command"][:] = levels
+            self.driver.write(self.now)
+
+    def run(self, seconds: float, *levels: float) -> None:
+        for _ in range(round(seconds * 1e9 / STEP)):
+            self.cycle(*levels)
+
+    @property
+    def age(self) -> float:
+        """s, of the newest confirmation."""
+        return (self.now - self.driver.health.stamp) * 1e-9
