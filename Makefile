@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/python -m pytest
 OUT := out
+VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"/\1/p' srl/__init__.py)
 # Where it is set, each of the tests' thousand processes would compile the whole project anew.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -76,7 +77,7 @@ licences: setup
 
 # The pages as a site. A warning is an error: a dead link, a docstring that can't be read. Nothing is fetched.
 docs: setup
-	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/docs
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/docs/$(VERSION)
 	@echo "site: $(OUT)/docs/index.html"
 
 # The page of all commands, made of their parsers.

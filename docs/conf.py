@@ -7,6 +7,8 @@ neither to build the site nor to read it.
 from __future__ import annotations
 
 import html
+import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -36,7 +38,8 @@ suppress_warnings = ["myst.header"]  # a page may leave out a level of headings
 html_theme = "furo"
 html_title = f"srl {version}"
 html_copy_source = False
-html_static_path = ["site.css"]
+html_static_path = ["site.css", "versions.js"]
+html_js_files = ["versions.js"]
 html_css_files = ["site.css"]
 highlight_language = "none"  # a block without a language is what a terminal shows
 default_role = "code"  # docstrings put code between single backticks
@@ -90,9 +93,14 @@ def add_contents(_: Sphinx, document: str, content: list[str]) -> None:
 
 
 def add_front_page(app: Sphinx, error: Exception | None) -> None:
-    """Gives servers the name that they look for."""
+    """Gives servers the name that they look for, and lists the versions that are side by side."""
     if error is None and app.builder.name == "html":
         shutil.copy(app.outdir / "README.html", app.outdir / "index.html")
+        site = app.outdir.parent
+        found = [page.parent.name for page in site.glob("*/README.html")]
+        found.sort(key=lambda name: [int(number) for number in re.findall(r"\d+", name)], reverse=True)
+        (site / "versions.list.js").write_text(f"srlVersions = {json.dumps(found)};\n")
+        (site / "index.html").write_text(f'<meta http-equiv="refresh" content="0; url={found[0]}/index.html">\n')
 
 
 def mend_page(
