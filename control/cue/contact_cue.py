@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import hypot, isnan
 from typing import Literal, Self
 
@@ -31,7 +32,7 @@ class ContactCueConfig(ControllerConfig):
     least: float = Field(0.3, ge=0, lt=1, description="the intensity at the threshold")
     tap: float = Field(0.1, ge=0, le=0.5, description="s of full intensity as a contact begins")
     begin: Cue | None = Field(None, description="a cue as the limb begins to follow; left out: none")
-    max_hold: float = Field(0.5, ge=0.0, description="s for which an unknown element is taken for 0; .inf: for ever")
+    max_hold: float = Field(0.5, ge=0.0, description="s for which an unknown element stays as it was; .inf: for ever")
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -51,8 +52,8 @@ class ContactCue(Controller):
 
     Input `load` (k,), output `intensity` (n,), 0 to 1. |x| is the input's norm, or of each element by itself. A contact
     begins at the threshold with a tap of full intensity, since its moment tells more than its strength, and ends at
-    0.8 of it. An infinite element is a full one. An unknown one counts as 0; after `max_hold` that is a loss, since the
-    wearer would take it for no contact. What isn't limited here the guard limits.
+    0.8 of it. An infinite element is a full one. An unknown one stays as it was; after `max_hold` that is a loss, since
+    the wearer would take silence for no contact. One that is known now and then is a loss, too.
     """
 
     Config = ContactCueConfig
@@ -66,16 +67,18 @@ class ContactCue(Controller):
         self._options = config
         self._touching = [-1.0] * n  # s since the contact began; -1: there is none
         self._time = self._unknown = 0.0  # s since the reset; s for which an element wasn't known
+        self._loads = [0.0] * k  # the newest that is known of each
 
     def reset(self) -> None:
         self._touching = [-1.0] * len(self._touching)
         self._time, self._unknown, self.lost = 0.0, 0.0, False
+        self._loads = [0.0] * len(self._options.labels)
         self.output["intensity"][:] = 0.0
 
     def update(self, dt: float) -> None:
         config, found = self._options, self.input["load"].tolist()
-        loads = [0.0 if isnan(load) else load for load in found]
-        self._unknown = self._unknown + dt if loads != found else 0.0  # NaN differs from itself
+        self._unknown = self._unknown + dt if any(map(isnan, found)) else max(self._unknown - dt / 4, 0.0)
+        loads = self._loads = [old if isnan(new) else new for old, new in zip(self._loads, found, strict=True)]
         self.lost = self._unknown > config.max_hold
         if config.combine == "norm":
             loads = [hypot(*loads)] * len(self._touching)
@@ -95,3 +98,8 @@ class ContactCue(Controller):
             return 1.0
         share = max(load - config.threshold, 0.0) / (config.full - config.threshold)
         return min(config.least + (1.0 - config.least) * share, 1.0)
+
+    def warnings(self, dt: float) -> Iterator[tuple[str, str]]:
+        """A cue that is too short for the cycles."""
+        if self._options.begin is not None and (text := self._options.begin.too_short(dt)):
+            yield "begin", text

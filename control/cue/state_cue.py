@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from pydantic import Field
 
 from srl.runtime.contracts.controller import Controller, ControllerConfig
@@ -39,3 +41,8 @@ class StateCue(Controller):
     def update(self, dt: float) -> None:
         self.output["intensity"][:] = self._begin.at(self._time)
         self._time += dt
+
+    def warnings(self, dt: float) -> Iterator[tuple[str, str]]:
+        """A cue that is too short for the cycles."""
+        if text := self._begin.too_short(dt):
+            yield "begin", text

@@ -16,6 +16,9 @@ MAX_SERVOS = 12  # number of servos that the firmware attaches on an ATmega328P
 MAX_SYSEX = 4096  # bytes of one message from a board; the longest, a Mega's capabilities, has about 1400
 
 
+NO_PINS: range = range(0x60, 0x80)  # pins that no board has: asked for their state, it says the number alone
+
+
 class Mode(IntEnum):
     """A pin's function. A board may know modes that are not listed here."""
 
@@ -137,7 +140,7 @@ class AnalogValue:
 
 @dataclass(frozen=True, slots=True)
 class PinState:
-    """A pin's mode and its last output, or its pull-up flag for an input."""
+    """A pin's mode and its last output, or its pull-up flag for an input; mode -1 for a pin that the board hasn't."""
 
     pin: int
     mode: int
@@ -273,6 +276,8 @@ def _analog_mapping(data: bytes) -> AnalogMapping:
 
 
 def _pin_state(data: bytes) -> PinState:
+    if len(data) == 1 and data[0] in NO_PINS:
+        return PinState(data[0], -1, 0)
     if len(data) < 3:
         raise ValueError
     return PinState(data[0], data[1], sum(bits << 7 * i for i, bits in enumerate(data[2:])))

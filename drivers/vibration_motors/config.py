@@ -28,8 +28,8 @@ class MotorConfig(BaseModel):
     pin: Annotated[int, AfterValidator(_with_pwm)] = Field(description="3, 5, 6, 9, 10 or 11")
     start: float = Field(0.0, ge=0, lt=1, description="the share of the supply at which it begins to turn")
     full: float = Field(1.0, gt=0, le=1, description="the share of the supply that is its rated voltage")
-    on_time: float = Field(20.0, gt=0, le=60, description="s, the longest without a pause")
-    duty: float = Field(0.5, gt=0, le=1, description="the mean intensity to which it is bounded over time")
+    on_time: float = Field(20.0, gt=0, le=60, description="s of being on, between pauses of 0.5 s")
+    duty: float = Field(0.5, ge=0.2, le=1, description="the mean intensity to which it is bounded over time")
 
     @model_validator(mode="after")
     def _turns(self) -> Self:

@@ -1,8 +1,10 @@
 """Vibration motors by the PWM of an Arduino board with StandardFirmata.
 
-Firmata acknowledges nothing, and has neither a checksum nor a watchdog. So the board is asked after each frame what its
-pins are doing, and what it doesn't confirm is sent again, whole. A sample is a confirmation: a board that takes
-commands and isn't heard, or that restarts unnoticed, becomes stale. What lowers a duty waits for no answer.
+Firmata acknowledges nothing, and has neither a checksum nor a watchdog. So the board is asked what its pins are doing,
+one question at a time, and what it doesn't confirm is sent again, whole. A question ends with a query of a pin that no
+board has: the board says that pin's number again, so its answers are told apart, however late. A sample is a
+confirmation, and as old as its question: a board that isn't heard, or restarts unnoticed, becomes stale. A new duty
+waits for no answer.
 """
 
 from __future__ import annotations
@@ -22,9 +24,10 @@ from srl.runtime.contracts.errors import DeviceError, DeviceLostError
 from srl.runtime.contracts.signals import Command, Kind, Limits, Stop
 
 COMMAND: Final = "intensity_command"
-REPEAT: Final = 50_000_000  # ns after which the same duties are sent and asked for again
-ANSWER: Final = 150_000_000  # ns without an answer after which it counts as lost on the way
-REFUSALS: Final = 5  # answers in a row that aren't what was sent, after which the board counts as lost
+REPEAT: Final = 50_000_000  # ns after which the same duties are sent again
+ANSWER: Final = 100_000_000  # ns after which the next question is asked, whether the one before was answered or not
+AT_DEATH: Final = 3  # times that off is sent where nobody asks for an answer: one damaged byte could undo it
+WRONG: Final = 300_000_000  # ns in which all answers are others than what was sent, after which the board is lost
 _OFF: Final = (int(Mode.OUTPUT), 0)
 
 
@@ -63,6 +66,7 @@ class VibrationMotors(Driver):
         self._off = protocol.END_SYSEX + b"".join(
             protocol.set_pin_mode(pin, Mode.OUTPUT) + protocol.digital_pin_write(pin, False) for pin in pins
         )
+        self._low = [_OFF] * len(self._motors)
         self._link: Transport | None = None
         self._was_lost = False
         self._firmware = ""
@@ -70,14 +74,17 @@ class VibrationMotors(Driver):
 
     def _forget(self) -> None:
         self._decoder = Decoder()
-        self._now = self._asked = self._since = 0  # ns; of the newest frame; of the oldest one that isn't answered
+        self._now = self._sent_at = self._asked_at = 0  # ns; of this cycle, of the newest frame and question
         self._commanded: list[tuple[int, int]] = [_OFF] * len(self._motors)  # mode and state of each pin, newest frame
-        self._reported: dict[int, tuple[int, int]] = {}  # by pin, since the newest frame
-        self._pending = 0  # answers that are still to come
-        self._confirmed = True  # the newest answers were what was commanded
+        self._asked: dict[int, tuple[list[tuple[int, int]], int]] = {}  # by mark: what the pins should do; when
+        self._questions = 0
+        self._waiting = False  # for the answer to the newest question
+        self._reported: dict[int, tuple[int, int]] = {}  # by pin, since the last mark
+        self._confirmed = True  # the newest frame is
+        self._doubtful = False  # an answer was wrong or is missing: pins may have lost their modes
         self._driving = False  # the pins were given duties since they were off
-        self._refused = 0  # answers in a row that were others
-        self._wrong = 0  # answers that were others
+        self._wrong_since = -1  # ns, of the first of the answers in a row that were others; -1: the newest was right
+        self._wrong = 0  # answers that were others, or damaged
 
     def open(self) -> None:
         """Blocks up to 9 s, mostly for the board's boot. The motors are off."""
@@ -104,10 +111,10 @@ class VibrationMotors(Driver):
         try:
             for message in self._decoder.feed(link.read()):
                 self._take(message)
-            if self._pending and now - self._since > ANSWER:
-                self._pending, self._confirmed = 0, False
-            if not self._driving and now - self._asked >= REPEAT:
-                self._send(link, b"" if self._confirmed else self._off, [_OFF] * len(self._motors))
+            if self._waiting and now - self._asked_at >= ANSWER:
+                self._waiting, self._doubtful = False, True
+            if not self._driving and now - self._sent_at >= REPEAT:
+                self._send(link, b"" if self._confirmed and not self._doubtful else self._off, self._low)
         except DeviceLostError:
             self.health.connected, self._was_lost = False, True
             with contextlib.suppress(DeviceError):
@@ -118,19 +125,15 @@ class VibrationMotors(Driver):
         self.health.errors = decoder.errors + self._wrong
 
     def write(self, now: int) -> None:
-        """Sends duties that have changed, or weren't confirmed, at once, others every 50 ms."""
+        """Sends duties that have changed at once, and others every 50 ms, or until they are confirmed."""
         link = self._opened()
         values = self.command_arrays[COMMAND].tolist()
         wanted = [(int(Mode.PWM), motor.duty_of(value)) for motor, value in zip(self._motors, values, strict=True)]
-        changed, due = wanted != self._commanded, now - self._asked >= REPEAT
-        lowers = not any(duty for _, duty in wanted) or any(
-            duty < before for (_, duty), (_, before) in zip(wanted, self._commanded, strict=True)
-        )
-        # A frame waits for the answer to the one before; what lowers a duty doesn't.
-        if not (changed or due or not self._confirmed) or (self._pending and not (lowers and (changed or due))):
+        unsure = self._doubtful or not self._confirmed
+        if wanted == self._commanded and now - self._sent_at < REPEAT and (self._waiting or not unsure):
             link.write(b"")  # the rest of a frame that the kernel took in part
             return
-        frame = b"" if self._driving and self._confirmed else protocol.END_SYSEX + self._modes
+        frame = b"" if self._driving and not self._doubtful else protocol.END_SYSEX + self._modes
         frame += b"".join(
             protocol.analog_write(motor.pin, duty) for motor, (_, duty) in zip(self._motors, wanted, strict=True)
         )
@@ -141,9 +144,9 @@ class VibrationMotors(Driver):
 
     def stop(self, category: Stop) -> None:
         """Off, again and again for as long as it is called."""
-        if self._link is not None and (self._driving or self._now - self._asked >= REPEAT):
+        if self._link is not None and (self._driving or self._now - self._sent_at >= REPEAT):
             with contextlib.suppress(DeviceError):  # the next read reports a lost link
-                if self._send(self._link, self._off, [_OFF] * len(self._motors)):
+                if self._send(self._link, self._off, self._low):
                     self._driving = False
 
     def close(self) -> None:
@@ -152,7 +155,7 @@ class VibrationMotors(Driver):
         self.health.connected = False
         if link is not None:
             with contextlib.suppress(DeviceError):
-                link.write_all(self._off, 0.2)
+                link.write_all(AT_DEATH * self._off, 0.2)
             link.close()
 
     @classmethod
@@ -164,7 +167,7 @@ class VibrationMotors(Driver):
         return self._link.fileno() if self._link is not None else None
 
     def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
-        return (self._off,)
+        return (AT_DEATH * self._off,)
 
     def metrics(self) -> dict[str, object]:
         """The firmware's name, the duties (of 255) by motor sent last, how many answers were others."""
@@ -172,14 +175,15 @@ class VibrationMotors(Driver):
         return {"firmware": self._firmware, "duties": duties, "unconfirmed": self._wrong}
 
     def _send(self, link: Transport, frame: bytes, states: list[tuple[int, int]]) -> bool:
-        """Sends a frame and asks what the pins are doing, which should be `states`; False if the link takes nothing."""
-        if not link.write(frame + self._queries):
+        """Sends a frame that makes the pins `states`, and asks unless it waits; False if the link takes nothing."""
+        mark = protocol.NO_PINS[self._questions % len(protocol.NO_PINS)]
+        if not link.write(frame if self._waiting else frame + self._queries + protocol.pin_state_query(mark)):
             return False
-        if not self._pending:
-            self._since = self._now
-        self._commanded, self._asked = states, self._now
-        self._pending += len(states)
-        self._reported.clear()
+        self._confirmed = self._confirmed and states == self._commanded
+        self._commanded, self._sent_at = states, self._now
+        if not self._waiting:
+            self._asked[mark] = states, self._now
+            self._questions, self._asked_at, self._waiting, self._doubtful = self._questions + 1, self._now, True, False
         return True
 
     def _take(self, message: protocol.Message) -> None:
@@ -191,23 +195,29 @@ class VibrationMotors(Driver):
             )
         if isinstance(message, protocol.Text):
             self.health.message = message.text
-        elif isinstance(message, PinState) and self._pending:
-            self._pending -= 1
-            self._reported[message.pin] = (message.mode, message.state)
-            if not self._pending:  # those of the frame before would tell of the frame before
-                self._judge()
+        elif isinstance(message, PinState):
+            if (asked := self._asked.pop(message.pin, None)) is not None:
+                self._judge(*asked)
+            else:
+                self._reported[message.pin] = message.mode, message.state
 
-    def _judge(self) -> None:
-        """All answers to the newest frame are there."""
-        self._confirmed = [self._reported.get(motor.pin) for motor in self._motors] == self._commanded
-        if self._confirmed:
-            self.health.stamp, self._refused = self._now, 0
+    def _judge(self, states: list[tuple[int, int]], asked_at: int) -> None:
+        """The answers to a question are there, asked at `asked_at` (ns) about pins that should be `states`."""
+        found, self._reported = [self._reported.get(motor.pin) for motor in self._motors], {}
+        if asked_at == self._asked_at:
+            self._waiting = False
+        if found == states:
+            self.health.stamp, self._wrong_since = max(self.health.stamp, asked_at), -1
+            self._confirmed = states == self._commanded
             return
-        self._wrong, self._refused = self._wrong + 1, self._refused + 1
-        if self._refused >= REFUSALS:
+        self._wrong, self._doubtful = self._wrong + 1, True
+        if None in found:  # damaged on the way
+            return
+        self._wrong_since = self._wrong_since if self._wrong_since >= 0 else self._now
+        if self._now - self._wrong_since > WRONG:
             raise DeviceLostError(
                 self.name,
-                f"the board's pins don't do what they are commanded: they have {self._reported}, not {self._commanded}",
+                f"the board's pins don't do what they are commanded: they have {found}, not {states} (mode, duty)",
                 "Check its cable; end other programs that use the board",
             )
 

@@ -23,6 +23,9 @@ Share = Annotated[Positive, Field(le=1.0)]
 UpTo1 = Share | list[Share] | dict[str, Share] | None
 
 
+LEAST_DUTY = 0.2  # less would end a contact that lasts, or a cue after it, before it is felt
+
+
 class GuardLimits(BaseModel):
     """One command's limits in the profile's `guard:`: a number for every joint, or one for each by its name.
 
@@ -43,8 +46,8 @@ class GuardLimits(BaseModel):
     )
     level: UpTo1 = Field(None, description="of an intensity: the most, up to 1")
     level_rate: Above0 = Field(None, description="of an intensity, 1/s: how fast it rises; it falls at once")
-    on_time: Above0 = Field(None, description="of an intensity, s: the longest without a pause")
-    duty: UpTo1 = Field(None, description="of an intensity: its mean over some 10 s, at most")
+    on_time: Above0 = Field(None, description="of an intensity, s of being on, between pauses of 0.5 s")
+    duty: UpTo1 = Field(None, description=f"of an intensity: its mean over time, at most; {LEAST_DUTY:g} to 1")
     tolerance: Positive = Field(1e-3, le=1.0, description="a command changed by more than this counts as limited")
 
     def to_limits(

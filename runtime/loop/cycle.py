@@ -285,6 +285,8 @@ class Cycle:
             link = self._links.item(actuator.device)
             if not link & LINK_ACTIVE:
                 self._clearances[i].rest()
+                if isinstance(guard, IntensityGuard):
+                    guard.idle(dt)
                 continue
             category = self.category(actuator)
             # With an old measured velocity, damping would drive the joint, and retracting would never arrive.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from srl.runtime.contracts.cue import Cue
+from srl.runtime.contracts.cue import FELT, Cue
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, WiringError
 from srl.runtime.contracts.per_element import NotNegative, Positive, in_order
@@ -59,6 +60,13 @@ class FollowingEntry(BaseModel):
     timeout: float = Field(0.5, ge=0.02, le=60, description="s that an error beyond the window may last")
 
 
+def least(given: float | list[float] | dict[str, float] | None, otherwise: float) -> float:
+    """The least of a limit's values."""
+    if isinstance(given, dict | list):
+        return min(given.values() if isinstance(given, dict) else given, default=otherwise)
+    return otherwise if given is None else given
+
+
 class GuardEntry(GuardLimits):
     """`guard.<command>`."""
 
@@ -87,10 +95,14 @@ class GuardEntry(GuardLimits):
         if felt and "following_error" in self.model_fields_set:
             raise WiringError(f"{place}.following_error", "nothing measures what is felt", "Take it out")
         for key in ("stop_cue", "loss_cue"):
-            cue = getattr(self, key)
-            if cue is not None and min(cue.on, cue.off) < 2 * dt:
-                problem = f"a pulse or pause of {min(cue.on, cue.off):g} s is less than two cycles of {dt:g} s"
+            if (cue := getattr(self, key)) is None:
+                continue
+            if problem := cue.too_short(dt):
                 raise WiringError(f"{place}.{key}", problem, f"Give `on` and `off` {2 * dt:g} s at least")
+            level, rate = (least(getattr(self, name), inf) for name in ("level", "level_rate"))
+            if (reached := min(cue.level, level, rate * cue.on)) < FELT:
+                problem = f"its pulses reach {reached:g} of full intensity, too little to feel; {FELT:g} is the least"
+                raise WiringError(f"{place}.{key}", problem, f"Raise level or level_rate of {place}")
 
     def window(self, command: Command, place: str) -> Array | None:
         """(size,): the window of the following error; None: the profile gives none, or it is `off`.

@@ -300,6 +300,9 @@ def _actuators(
                     f"{', '.join(command.stops)}",
                     "An intensity ends at once: give the driver's Command stops=(Stop.OFF,)",
                 )
+            if command.kind is Kind.INTENSITY and (command.feedback is not None or home is not None):
+                problem = f"its driver says that '{name}', which is what the wearer feels, has a feedback or a home"
+                raise WiringError(b.source.place(f"devices.{device.name}"), problem, "Give its Command neither")
             if state is None and home is None and command.kind is not Kind.INTENSITY:
                 raise WiringError(
                     b.source.place(f"devices.{device.name}"),

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from srl.drivers.vibration_motors import VibrationMotors, VibrationMotorsConfig, driver
 from srl.drivers.vibration_motors.config import MotorConfig
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Kind, Stop
 
 OFF = b"\xf7" + b"\xf4\x05\x01" + b"\xf5\x05\x00" + b"\xf4\x06\x01" + b"\xf5\x06\x00"  # outputs, low
@@ -59,8 +59,8 @@ def motors(board: MotorBoard) -> VibrationMotors:
 
 
 @pytest.fixture
-def rig(motors: VibrationMotors) -> Rig:
-    return Rig(motors)
+def rig(motors: VibrationMotors, board: MotorBoard) -> Rig:
+    return Rig(motors, board)
 
 
 def test_it_declares_an_intensity_that_only_goes_off(motors: VibrationMotors) -> None:
@@ -89,7 +89,7 @@ def test_a_board_that_isnt_active_stays_fresh_and_off(board: MotorBoard, rig: Ri
 @pytest.mark.parametrize("category", list(Stop))
 def test_every_stop_and_the_frames_for_the_loops_death_are_off(board: MotorBoard, rig: Rig, category: Stop) -> None:
     rig.run(0.1, 1.0, 1.0)
-    assert rig.driver.stop_frames(category) == (OFF,)
+    assert rig.driver.stop_frames(category) == (3 * OFF,)
     rig.driver.stop(category)
     assert not board.on
     rig.run(0.1, 0.0, 0.5)  # and they can go on
@@ -161,6 +161,45 @@ def test_a_duty_that_is_lost_is_sent_again(board: MotorBoard, rig: Rig) -> None:
     assert board.pwm[6] == 0
 
 
+@pytest.mark.parametrize("late", [0, 4_000_000, 22_000_000, 80_000_000])
+@pytest.mark.parametrize("hz", [100, 1000])
+@pytest.mark.parametrize("count", [1, 6])
+def test_a_board_that_answers_late_is_none_that_is_wrong(board: MotorBoard, late: int, hz: int, count: int) -> None:
+    """A grip that is let go lowers the duty in each cycle, also while an answer is on its way."""
+    motors = {f"m{pin}": {"pin": pin} for pin in (3, 5, 6, 9, 10, 11)[:count]}
+    made = vibration_motors(motors=motors)
+    made.open()
+    rig = Rig(made, board, 10**9 // hz)
+    rig.run(0.2, *[1.0] * count)
+    board.late = late
+    for k in range(2 * hz):
+        rig.cycle(*[abs(1.0 - k / hz)] * count)
+        assert rig.age < 0.3
+    assert made.metrics()["unconfirmed"] == 0
+
+
+@pytest.mark.parametrize("late", [0.2, 0.4, 0.6])
+def test_a_confirmation_is_as_old_as_its_question(board: MotorBoard, rig: Rig, late: float) -> None:
+    board.late = round(late * 1e9)
+    rig.run(3.0)
+    assert late <= rig.age + 0.011 < late + 0.2
+    rig.run(2.0, 0.5, 0.5)
+    assert late <= rig.age + 0.011 < late + 0.2
+
+
+@pytest.mark.parametrize("missing", range(16))
+def test_a_tap_is_felt_whichever_byte_of_an_answer_is_lost(board: MotorBoard, rig: Rig, missing: int) -> None:
+    rig.run(0.1, 0.0, 0.0)
+    board.answered = lambda data: data[:missing] + data[missing + 1 :]
+    rig.cycle(0.0, 0.0)
+    on = 0
+    for k in range(30):
+        board.answered = board.answered if k < 3 else keep
+        rig.cycle(*[1.0 if k < 10 else 0.0] * 2)
+        on += board.pwm[5] > 0 and board.pwm[6] > 0
+    assert on == 10
+
+
 def test_a_board_that_doesnt_do_what_it_is_commanded_is_lost(board: MotorBoard, rig: Rig) -> None:
     rig.run(0.1, 0.0, 0.0)
     board.heard = lambda data: data.replace(b"\xe6", b"\xe9")
@@ -206,20 +245,16 @@ def test_whatever_was_lost_a_stop_over_a_link_that_is_whole_again_ends_it(
         patch.setattr(driver, "open_transport", lambda *_, **__: board)
         made = vibration_motors()
         made.open()
-    rig = Rig(made)
+    rig = Rig(made, board)
     board.heard = board.answered = lose
     try:
         for each in levels:
             rig.run(0.2, *each)
         made.stop(Stop.OFF)
         rig.run(0.1)
+        board.heard = board.answered = keep
+        rig.run(1.0)
     except DeviceLostError:
-        pass
-    board.heard = board.answered = keep
-    for _ in range(100):  # the loop goes on calling both while the device is there
-        try:
-            rig.cycle()
-        except DeviceError:
-            made.close()
-            break
+        board.heard = board.answered = keep
+        made.close()  # the loop does, before it opens the device again
     assert not board.on

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import inf, nan
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from helpers.guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from srl.runtime.contracts.cue import Cue
+from srl.runtime.contracts.cue import FELT, Cue
 from srl.runtime.contracts.errors import SrlError, WiringError
-from srl.runtime.contracts.signals import Command, Kind, Stop
+from srl.runtime.contracts.signals import Command, Kind, Limits, Stop
 from srl.runtime.guard import IntensityGuard
 from srl.runtime.guard.intensity import PAUSE, RESERVE, WINDOW
 from srl.runtime.profile import profile, wiring
@@ -118,6 +119,38 @@ def test_what_was_sent_is_charged_where_it_is_more() -> None:
     assert step(guard, 0.5) == 0.0  # it has had its time
 
 
+def test_what_a_driver_says_it_sent_less_is_charged_as_it_was_applied() -> None:
+    guard, sent = felt(**USUAL), np.zeros(1)
+    guard.bind(guard.applied, sent=sent)
+    total, count = 0.0, 6000
+    for _ in range(count):
+        guard.resynchronise(True, DT)
+        total += step(guard, 1.0)
+        sent[0] = 0.0  # it has sent what was applied
+    assert total / count < USUAL["duty"] + 0.1
+
+
+def test_a_device_that_isnt_commanded_rests() -> None:
+    guard = felt(**USUAL)
+    for _ in range(1900):
+        step(guard, 1.0)
+    for _ in range(6000):
+        guard.idle(DT)
+    assert max(step(guard, 1.0) for _ in range(10)) > 0.98
+
+
+def test_an_element_that_is_no_number_is_off_and_the_others_go_on() -> None:
+    guard = guard_of(Kind.INTENSITY, joints=3, dt=DT, **USUAL)
+    guard.bind(np.zeros(3))
+    guard.reset(np.zeros(3))
+    for odd in (nan, inf, -inf):
+        for _ in range(3):
+            guard.step(np.array([0.5, odd, 1e308]), None, DT)
+        assert guard.applied.tolist()[:2] == [0.5, 0.0]
+        assert guard.applied[2] > 0.9
+        assert guard.rejected
+
+
 @pytest.mark.parametrize("category", [Stop.OFF, Stop.HOLD, Stop.RETRACT])
 def test_every_stop_is_off_at_once_and_at_rest(category: Stop) -> None:
     guard = felt()
@@ -176,11 +209,42 @@ def test_the_wearer_feels_each_pulse_of_a_cue_even_after_a_long_contact(before: 
     assert motor.felt - had == pulses
 
 
+cues = st.builds(
+    Cue, pulses=st.integers(1, 5), on=st.floats(0.1, 0.5), off=st.floats(0.15, 0.5), level=st.floats(FELT, 1.0)
+)
+
+
+@given(cues, st.floats(0.2, 1.0), st.floats(FELT, 1.0), st.floats(3.0, 100.0), st.floats(0.0, 60.0), st.integers(1, 4))
+@settings(max_examples=60, deadline=None)
+def test_each_pulse_of_any_allowed_cue_is_felt_after_any_contact_and_any_stops(
+    cue: Cue, duty: float, level: float, rate: float, before: float, stops: int
+) -> None:
+    dt = 0.01
+    try:
+        entry = GuardEntry.model_validate({"level": level, "level_rate": rate, "stop_cue": cue})
+        entry.check(Command(name="it", shape=(1,), unit="1", kind=Kind.INTENSITY, stops=(Stop.OFF,)), "guard.it", dt)
+    except WiringError:
+        return
+    guard, motor, now = felt(level=level, level_rate=rate, duty=duty, on_time=20.0), FeltMotor(0.0, 1.0, 0.1), 0
+    guard.stop_cue = cue
+    for _ in range(round(before / dt)):
+        motor.drive(step(guard, 1.0), now)
+        now += round(dt * 1e9)
+    for _ in range(stops):
+        had = motor.felt
+        for each in stopped(guard, loss=False, seconds=5.0):
+            motor.drive(each, now)
+            now += round(dt * 1e9)
+        motor.vibration(now)
+        assert motor.felt - had == cue.pulses
+        guard.reset(np.zeros(1))
+
+
 @given(st.lists(st.tuples(st.floats(0.05, 3.0), st.floats(0.05, 3.0)), min_size=1, max_size=12))
 @settings(max_examples=30, deadline=None)
 def test_contacts_and_stops_in_any_order_stay_within_the_reserve(turns: list[tuple[float, float]]) -> None:
     guard, total, time = felt(**USUAL), 0.0, 0.0
-    guard.stop_cue = Cue(pulses=5, on=0.5, off=0.03, level=1.0)
+    guard.stop_cue = Cue(pulses=5, on=0.5, off=0.15, level=1.0)
     for contact, stop in turns:
         guard.reset(np.zeros(1))
         levels = [step(guard, 1.0) for _ in range(round(contact / DT))] + stopped(guard, False, stop)
@@ -234,7 +298,36 @@ def test_a_profile_that_says_something_else_is_refused(key: str, value: str, wor
 @pytest.mark.parametrize("key", ["stop_cue", "loss_cue"])
 def test_a_cue_that_is_too_short_for_the_cycles_is_refused(key: str) -> None:
     command = Command(name="it", shape=(1,), unit="1", kind=Kind.INTENSITY, stops=(Stop.OFF,))
-    entry = GuardEntry.model_validate({key: {"on": 0.03}})
-    entry.check(command, "guard.it", 0.01)
-    with pytest.raises(WiringError, match=f"guard.it.{key}.*0.03 s is less than two cycles of 0.02 s"):
-        entry.check(command, "guard.it", 0.02)
+    entry = GuardEntry.model_validate({key: {"on": 0.1}})
+    entry.check(command, "guard.it", 0.05)
+    with pytest.raises(WiringError, match=f"guard.it.{key}.*0.1 s is less than two cycles of 0.06 s"):
+        entry.check(command, "guard.it", 0.06)
+
+
+@pytest.mark.parametrize(
+    ("limits", "reached"),
+    [({"level": 0.2}, "0.2"), ({"level_rate": 1.0}, "0.15"), ({"level": {"a": 1.0, "b": 0.1}}, "0.1")],
+)
+def test_a_cue_that_may_not_be_felt_is_refused(limits: dict[str, Any], reached: str) -> None:
+    command = Command(name="it", shape=(1,), unit="1", kind=Kind.INTENSITY, stops=(Stop.OFF,))
+    entry = GuardEntry.model_validate({"stop_cue": {}} | limits)
+    with pytest.raises(WiringError, match=f"guard.it.stop_cue.*reach {reached} of full intensity"):
+        entry.check(command, "guard.it", 0.01)
+
+
+@pytest.mark.parametrize(("name", "value"), [("duty", 2.0), ("duty", 0.1), ("level", 255.0)])
+def test_what_a_driver_gives_in_percent_or_bytes_is_refused(name: str, value: float) -> None:
+    values = {key: np.array([each]) for key, each in (USUAL | {name: value}).items()}
+    command = Command(name="it", shape=(1,), unit="1", kind=Kind.INTENSITY, stops=(Stop.OFF,))
+    with pytest.raises(WiringError, match=f"the {name} of an intensity is .*: it must be from"):
+        IntensityGuard("guard.it", command, Limits(**values), DT)
+
+
+@pytest.mark.parametrize(("above", "share"), [(0.2, 51 / 255), (1e-9, 0.0)])
+def test_a_simulated_motor_that_comes_to_rest_at_the_threshold_is_counted_on(above: float, share: float) -> None:
+    motor = FeltMotor(0.0, 1.0, above)
+    motor.drive(1.0, 0)
+    motor.drive(share, 10**9)
+    for k in range(2000):
+        motor.vibration(10**9 + k * 50_000_000)
+    assert motor.felt == 1

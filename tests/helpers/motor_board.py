@@ -21,9 +21,11 @@ def keep(data: bytes) -> bytes:
 
 
 class MotorBoard(Transport):
-    """The link to the board, which answers at once; `heard` and `answered` change what passes in each direction.
+    """The link to the board; `heard` and `answered` change what passes in each direction.
 
     Attributes:
+        late: ns from what the board is sent to its answers.
+        now: ns; `Rig` sets it.
         pwm: the duties that pins have now, 0 to 255.
         received: the bytes that the board got.
     """
@@ -34,14 +36,15 @@ class MotorBoard(Transport):
         self.answered: Callable[[bytes], bytes] = keep
         self.pwm = [0] * PINS
         self.received = b""
-        self._coming = b""
+        self.late = self.now = 0
+        self._coming: list[tuple[int, bytes]] = []  # ns when it is there
         self.firmware = StandardFirmata(self)
 
     def restart(self, banner: bytes = BOOT) -> None:
         """After a dip of its supply."""
         self.pwm = [0] * PINS
         self.firmware = StandardFirmata(self)
-        self._coming += banner
+        self._coming.append((self.now, banner))
 
     # -- the link
 
@@ -52,15 +55,18 @@ class MotorBoard(Transport):
         return -1
 
     def _take(self, most: int) -> bytes:
-        if not self._coming:
+        if not self._coming or self._coming[0][0] > self.now:
             raise BlockingIOError
-        data, self._coming = self._coming[:most], self._coming[most:]
-        return data
+        due, data = self._coming.pop(0)
+        if data[most:]:
+            self._coming.insert(0, (due, data[most:]))
+        return data[:most]
 
     def _give(self, data: bytes) -> int:
         passed = self.heard(data)
         self.received += passed
-        self._coming += self.answered(self.firmware.receive(passed))
+        if answer := self.answered(self.firmware.receive(passed)):
+            self._coming.append((self.now + self.late, answer))
         return len(data)
 
     def _queued(self) -> int:
@@ -87,10 +93,9 @@ class MotorBoard(Transport):
 
     @property
     def on(self) -> bool:
-        """Whether a motor turns; a pin that isn't PWM is low unless somebody has written 1."""
-        f = self.firmware
-        high = any(f._mode[pin] == OUTPUT and f._state[pin] for pin in range(PINS))
-        return high or any(self.pwm)
+        """Whether a motor turns; a pin that isn't PWM is low unless somebody has written 1. Others have no motor."""
+        f, pins = self.firmware, [motor["pin"] for motor in MOTORS.values()]
+        return any(self.pwm[pin] or (f._mode[pin] == OUTPUT and f._state[pin]) for pin in pins)
 
 
 def vibration_motors(port: str = "/dev/null", **options: Any) -> VibrationMotors:
@@ -101,21 +106,21 @@ def vibration_motors(port: str = "/dev/null", **options: Any) -> VibrationMotors
 
 
 class Rig:
-    """The driver in cycles of 10 ms."""
+    """The driver in cycles, of 10 ms if nothing else is said."""
 
-    def __init__(self, driver: VibrationMotors) -> None:
-        self.driver, self.now = driver, 0
+    def __init__(self, driver: VibrationMotors, board: MotorBoard, step: int = STEP) -> None:
+        self.driver, self.board, self.step, self.now = driver, board, step, 0
 
     def cycle(self, *levels: float) -> None:
         """One with a command; without `levels` one in which the device isn't active."""
-        self.now += STEP
+        self.now = self.board.now = self.now + self.step
         self.driver.read(self.now)
         if levels:
             self.driver.command_arrays["intensity_command"][:] = levels
             self.driver.write(self.now)
 
     def run(self, seconds: float, *levels: float) -> None:
-        for _ in range(round(seconds * 1e9 / STEP)):
+        for _ in range(round(seconds * 1e9 / self.step)):
             self.cycle(*levels)
 
     @property

@@ -18,7 +18,7 @@ class FakeVibrationMotorsConfig(FakeConfig):
     """Options of the fake."""
 
     felt_above: float = Field(
-        default=0.1, ge=0, lt=1, description="of a motor's full vibration: the wearer feels what is above it (assumed)"
+        default=0.1, gt=0, lt=1, description="of a motor's full vibration: the wearer feels what is above it (assumed)"
     )
     loss: Windows = Field(default=(), description="s, [from, to] pairs in world time during which the board is gone")
 

@@ -46,7 +46,8 @@ class FeltMotor:
             self._notice(now)
         else:
             if before > above:
-                self._notice(now - 1e9 * (dt - RISE * log((before - aim) / (above - aim))))
+                until = RISE * log((before - aim) / (above - aim)) if aim < above else dt
+                self._notice(now - 1e9 * (dt - until))
             self._since, self._noticed = inf, False
         return self._level
 

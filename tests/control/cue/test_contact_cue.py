@@ -44,7 +44,12 @@ class TestStateCue(ControllerConformance):
     inputs, start = {}, {"intensity": [0.0]}
 
     def law(self) -> StateCue:
-        return bound(StateCue("state", StateCueConfig(motors=("wrist",), begin=Cue(level=1e-9))))
+        return bound(
+            StateCue(
+                "state",
+                StateCueConfig(motors=("wrist",), begin=Cue.model_construct(pulses=1, on=0.1, off=0.15, level=1e-9)),
+            )
+        )
 
 
 def test_a_contact_begins_with_a_tap_then_tells_its_strength_and_ends_below_the_threshold() -> None:
@@ -69,19 +74,19 @@ def test_each_element_has_its_own_motor() -> None:
 
 
 @given(st.lists(st.floats(-1e9, 1e9) | st.sampled_from([np.nan, np.inf, -np.inf]), min_size=1, max_size=60))
-def test_it_is_from_0_to_1_whatever_comes_and_what_isnt_known_is_0(loads: list[float]) -> None:
+def test_it_is_from_0_to_1_whatever_comes_and_what_was_never_known_is_0(loads: list[float]) -> None:
     made = law(**EACH)
     for load in loads:
         left, right = step(made, load, 0.0)
         assert 0.0 <= left <= 1.0
         assert right == 0.0
-        assert not np.isnan(load) or left == 0.0
         assert not np.isinf(load) or left == 1.0
 
 
 def test_the_magnitude_is_that_of_what_is_known_and_an_infinite_load_is_a_full_one() -> None:
     made = law(tap=0.0)
     assert step(made, np.nan, 3.0) == [pytest.approx(0.2 + 0.8 * 0.5)]
+    assert step(made, np.nan, np.nan) == [pytest.approx(0.2 + 0.8 * 0.5)]  # as it was
     assert step(made, np.inf, np.nan) == [1.0]
     assert step(made, -np.inf, 0.0) == [1.0]
 
@@ -91,7 +96,9 @@ def test_a_load_that_stays_unknown_is_a_loss_until_a_reset() -> None:
     for _ in range(49):
         step(made, np.nan, 0.0)
     assert not made.lost
-    step(made, 0.0, 0.0)  # it is there again
+    for _ in range(200):
+        step(made, 0.0, 0.0)  # it is there again
+    assert not made.lost
     for _ in range(52):
         step(made, 0.0, np.nan)
     assert made.lost
@@ -103,11 +110,25 @@ def test_a_load_that_stays_unknown_is_a_loss_until_a_reset() -> None:
     assert not patient.lost
 
 
+@pytest.mark.parametrize("every", [2, 3, 5, 10, 50])
+def test_a_load_that_is_known_now_and_then_is_a_loss_too(every: int) -> None:
+    made = law()
+    for k in range(500):
+        step(made, *([10.0, 0.0] if k % every == 0 else [np.nan, np.nan]))
+    assert made.lost
+
+
 def test_a_cue_is_given_as_the_limb_begins_to_follow() -> None:
-    made = law(begin=Cue(pulses=2, on=0.1, off=0.1, level=0.5))
+    made = law(begin=Cue(pulses=2, on=0.1, off=0.2, level=0.5))
     levels = [step(made, 0.0, 0.0)[0] for _ in range(60)]
-    assert [i for i in range(1, 60) if levels[i] > levels[i - 1]] == [20]
+    assert [i for i in range(1, 60) if levels[i] > levels[i - 1]] == [30]
     assert (levels[0], max(levels), levels[-1]) == (0.5, 0.5, 0.0)
+
+
+def test_a_cue_that_is_too_short_for_the_cycles_gives_a_warning() -> None:
+    made = law(begin=Cue(on=0.1))
+    assert not list(made.warnings(0.05))
+    assert list(made.warnings(0.06)) == [("begin", "a pulse or pause of 0.1 s is less than two cycles of 0.06 s")]
 
 
 @pytest.mark.parametrize(
