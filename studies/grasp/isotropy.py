@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from srl.studies.grasp.closing import CLOSINGS
-from srl.studies.grasp.isotropy_analysis import claims, records, statistics, table
+from srl.studies.grasp.isotropy_analysis import as_radius, claims, records, statistics, table
 from srl.studies.grasp.isotropy_figure import figure
 from srl.studies.grasp.isotropy_trial import AUGMENTED, PROFILE, TRIAL
 from srl.studies.grasp.scenes import write
@@ -25,6 +26,7 @@ from srl.studies.tasks.task import TrialTask
 
 STUDY: Final = "grasp-isotropy"
 PLACEMENTS: Final = 12  # of each object
+_ROUND: Final[tuple[Shape, ...]] = ("sphere", "cylinder")
 _SHOWN: Final = (0.06, 0.08, 0.10, 0.12)  # m, sizes of the recording
 _QUICK: Final = ((0.06, 0.10), 1)  # sizes and placements
 _SWEPT: Final = ((0.06, 0.08, 0.10, 0.12), 4)
@@ -35,20 +37,25 @@ _LINKS: Final = (0.035, 0.042, 0.050)  # m; the profile's is the second
 
 
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
-    """The whole study; `quick`: two sizes, one placement of each."""
+    """The whole study, with sizes as diameters and as radii; `quick`: two sizes, one placement of each."""
     sizes, placements = _QUICK if quick else (SIZES, PLACEMENTS)
     tasks = [*trials(sizes, placements)]
+    doubled = [2 * size for size in sizes if 2 * size not in sizes]
+    tasks += trials(doubled, placements, shapes=_ROUND)
     rows = runner.rows(tasks, folder)
-    found = records(rows)
-    words = {"unusable": sum(row.done and not row.values["usable"] for row in rows), **statistics(found)}
+    found = records([row for row in rows if row.task.parameters["size"] in sizes])
+    by_radius = as_radius(records(rows), sizes)
+    words: dict[str, Any] = {"unusable": sum(row.done and not row.values["usable"] for row in rows)}
+    words |= {**statistics(found), "sizes are radii": statistics(by_radius)}
     (folder / "statistics.json").write_text(json.dumps(words, indent=1) + "\n", encoding="utf-8")
     pictures = []
-    for closing in CLOSINGS:
-        pictures.append(f"isotropy-{closing}.png")
-        figure([one for one in found if one["closing"] == closing], folder / pictures[-1], closing)
+    for closing, (end, chosen) in product(CLOSINGS, {"": found, "-radius": by_radius}.items()):
+        pictures.append(f"isotropy-{closing}{end}.png")
+        figure([one for one in chosen if one["closing"] == closing], folder / pictures[-1], closing, bool(end))
     write(folder / "grasps.rrd", tasks[0].text, _SHOWN[:1] if quick else _SHOWN, quick)
     files = [*pictures, "grasps.rrd", "statistics.json", "rows.parquet"]
-    return Result(STUDY, True, list(range(placements)), claims(found), table(found), files)
+    said = claims(found) + claims(by_radius, "radius-")
+    return Result(STUDY, True, list(range(placements)), said, table(found) + table(by_radius, "radius"), files)
 
 
 def trials(

@@ -40,12 +40,21 @@ def records(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return found
 
 
-def claims(found: Sequence[Record]) -> list[Claim]:
-    """The paper's claims in the headline's condition, by unit, and ours about chance. The others: `statistics`."""
+def as_radius(found: Sequence[Record], sizes: Sequence[float]) -> list[dict[str, Any]]:
+    """The entries with spheres and pipes of these sizes (m) as radii, and cubes of them as edges."""
+    sized = [{**one, "size": one["size"] / (1 if one["shape"] == "cube" else 2)} for one in found]
+    return [one for one in sized if any(abs(one["size"] - size) < 1e-9 for size in sizes)]
+
+
+def claims(found: Sequence[Record], start: str = "") -> list[Claim]:
+    """The paper's claims in the headline's condition, by unit, and ours about chance. The others: `statistics`.
+
+    `start`: of the claims' names.
+    """
     closing, seen = HEADLINE
     return [
         Claim(
-            id=name, text=f"{text} (95 %: {low:.3g} to {high:.3g})", paper=paper,
+            id=f"{start}{name}", text=f"{text} (95 %: {low:.3g} to {high:.3g})", paper=paper,
             measured=value if isfinite(value) else None, unit=unit, holds=low > bound,
         )
         for name, text, paper, unit, bound, (value, low, high) in _findings(_of(found, closing), seen)
@@ -136,8 +145,11 @@ def _findings(
             )  # fmt: skip
 
 
-def table(found: Sequence[Record]) -> list[dict[str, Any]]:
-    """Each condition as a whole; then the headline's shapes and sizes. GII by the object's length."""
+def table(found: Sequence[Record], counted: str = "diameter") -> list[dict[str, Any]]:
+    """Each condition as a whole; then the headline's shapes and sizes. GII by the object's length.
+
+    `counted`: what the size of spheres and pipes is.
+    """
     lines = [_line(_of(found, closing), closing, seen, "all", "all") for closing in CLOSINGS for seen in SEEN]
     closing, seen = HEADLINE
     sizes = sorted({one["size"] for one in found})
@@ -145,7 +157,7 @@ def table(found: Sequence[Record]) -> list[dict[str, Any]]:
         for size in sizes:
             own = [one for one in _of(found, closing) if (one["shape"], one["size"]) == (shape, size)]
             lines.append(_line(own, closing, seen, shape, f"{1e3 * size:.0f}"))
-    return lines
+    return [{"counted": counted, **line} for line in lines]
 
 
 def _line(own: Sequence[Record], closing: str, seen: str, shape: str, size: str) -> dict[str, Any]:

@@ -22,7 +22,7 @@ _LINES: Final = (
 _NAMES: Final = {"mm": "GII, torques in N mm (as the paper)", "l": "GII, torques by the object's length"}
 
 
-def figure(found: Sequence[Mapping[str, Any]], file: Path, closing: str) -> None:
+def figure(found: Sequence[Mapping[str, Any]], file: Path, closing: str, radius: bool = False) -> None:
     """Draws the means over placements with their 95 % intervals, and the share in which the finger touches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ def figure(found: Sequence[Mapping[str, Any]], file: Path, closing: str) -> None
                 axes[2, column].plot(1e3 * np.array(sizes), share, style, marker=".", color=colour, lw=width)
         axes[2, column].set_ylim(-0.03, 1.03)
         axes[0, column].set_title(f"{shape}s")
-        axes[2, column].set_xlabel("diameter or edge, mm")
+        axes[2, column].set_xlabel(f"{'radius' if radius else 'diameter'} or edge, mm")
     for row, text in enumerate([*_NAMES.values(), "share in which the finger touches\n(dotted: intended)"]):
         axes[row, 0].set_ylabel(text)
     picture.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)

@@ -16,7 +16,7 @@ from srl.studies.grasp.measures import Contacts
 Shape = Literal["sphere", "cube", "cylinder"]
 SHAPES: Final[tuple[Shape, ...]] = ("sphere", "cube", "cylinder")
 SIZES: Final = tuple(k / 1000 for k in range(40, 141, 20))
-"""m: a sphere's or pipe's diameter, a cube's edge. The paper: "radius/edge"; no hand closes around a radius of 140."""
+"""m: a sphere's or pipe's diameter, a cube's edge. The paper says "radius/edge"; the study runs both."""
 FRICTION: Final = 0.8  # as of the parts `object`
 PIPE: Final = 0.15  # m, length of a pipe: longer than the hand is wide; ours
 

@@ -16,7 +16,7 @@ from srl.runtime.profile import profile
 from srl.studies.grasp import isotropy
 from srl.studies.grasp.cell import PARTIAL, TOUCH, GraspCell
 from srl.studies.grasp.closing import CLEAR, CLOSINGS, MOTIONS, Motion, follow, start
-from srl.studies.grasp.isotropy_analysis import claims, records, statistics, table
+from srl.studies.grasp.isotropy_analysis import as_radius, claims, records, statistics, table
 from srl.studies.grasp.isotropy_figure import figure
 from srl.studies.grasp.isotropy_trial import AUGMENTED, PROFILE, SEEN, UNITS, _null, length, trial
 from srl.studies.grasp.measures import isotropy as isotropy_of
@@ -224,6 +224,18 @@ def test_the_analysis_counts_what_the_rows_say() -> None:
     assert [line["grasps"] for line in lines[:5]] == [6, 6, 6, 6, 3]
     assert lines[0]["touch whole"] == pytest.approx(5 / 6)
     assert lines[0]["gain"] == pytest.approx(0.5 / 6)
+
+
+def test_sizes_as_radii_take_the_round_things_that_are_twice_as_large() -> None:
+    found: list[dict[str, Any]] = [
+        {"shape": shape, "size": size} for shape in SHAPES for size in (0.04, 0.06, 0.08, 0.12, 0.28)
+    ]
+    sized = as_radius(found, [0.04, 0.06, 0.14])
+    assert [(one["shape"], round(one["size"], 3)) for one in sized] == [
+        ("sphere", 0.04), ("sphere", 0.06), ("sphere", 0.14),
+        ("cube", 0.04), ("cube", 0.06),
+        ("cylinder", 0.04), ("cylinder", 0.06), ("cylinder", 0.14),
+    ]  # fmt: skip
 
 
 def test_a_gain_that_grows_with_the_object_is_seen_and_one_that_falls() -> None:
