@@ -40,7 +40,6 @@ def figure(found: Sequence[Mapping[str, Any]], file: Path, closing: str, radius:
                 reach = [(interval(v)[1] - np.mean(v)) if len(v) > 1 else 0.0 for v in values]
                 at = 1e3 * np.array(sizes) + 0.6 * (place - 2.5)
                 axes[row, column].errorbar(at, means, yerr=reach, fmt=style, color=colour, capsize=2, label=label, ms=4)
-            axes[row, column].set_ylim(bottom=0.0)
         # The two partial ones often coincide: the wider line is below the other.
         for grasp, colour, width in (("whole", "C0", 1.5), ("partial_all", "C2", 4.0), ("partial", "C1", 1.5)):
             for seen, style in (("measured", "-"), ("intended", ":")):
@@ -49,6 +48,8 @@ def figure(found: Sequence[Mapping[str, Any]], file: Path, closing: str, radius:
         axes[2, column].set_ylim(-0.03, 1.03)
         axes[0, column].set_title(f"{shape}s")
         axes[2, column].set_xlabel(f"{'radius' if radius else 'diameter'} or edge, mm")
+    for row in range(len(_NAMES)):  # once all is drawn: it ends the scaling of the whole row
+        axes[row, 0].set_ylim(bottom=0.0)
     for row, text in enumerate([*_NAMES.values(), "share in which the finger touches\n(dotted: intended)"]):
         axes[row, 0].set_ylabel(text)
     picture.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
