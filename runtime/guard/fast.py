@@ -28,4 +28,4 @@ class Fast(ABC):
 
     @abstractmethod
     def forget(self) -> None:
-        """Drops all state: the guard begins anew."""
+        """Drops all state: the guard begins again."""
