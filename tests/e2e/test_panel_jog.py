@@ -26,7 +26,7 @@ from srl.runtime.ipc.run_folder import RunFolder
 from srl.runtime.web.operator.client import OperatorPage
 
 pytestmark = pytest.mark.slow
-RIGHT = {"key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39}
+KEYS = [{"key": name, "code": name, "windowsVirtualKeyCode": n} for name, n in (("ArrowRight", 39), ("ArrowLeft", 37))]
 
 
 class Jogged:
@@ -35,26 +35,37 @@ class Jogged:
     def __init__(self, folder: Path, run: subprocess.Popen[str], panel: OperatorPage, page: Page) -> None:
         self.folder, self.run, self.panel, self.page = RunFolder(folder / "run" / "servo-jog"), run, panel, page
         self.layout, self.reader = Layout.load(self.folder.layout), RingReader(self.folder.rows)
+        self.key = KEYS[0]  # the one that is pressed
 
     def moving(self) -> None:
         """Holds a key until the joint has moved at its full speed for a while.
 
-        On a machine so busy that the page falls silent the key counts no more: it is pressed anew, as a person does.
+        On a machine so busy that the page falls silent the key counts no more, and the control may end. A person would
+        take it again, and press again; the other key, as the joint may be at its end.
         """
-        for last in (False,) * 9 + (True,):
+        for k in range(10):
+            last, self.key = k == 9, KEYS[k % 2]
+            until(self.has_control, pause=2.0, timeout=60)
             seen = self.reader.head
             until(lambda seen=seen: self.reader.head > seen + 100 * REST + 20, what="time in which no key is held")
             self.page.value("document.getElementById('jog').focus()")
-            self.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **RIGHT)
+            self.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **self.key)
             started = self.reader.head
             most = started + (1 << 40 if last else 300)
             until(lambda most=most: self._moves() or self.reader.head > most, what="motion")
             if self._moves():
                 return
-            self.page.ask("Input.dispatchKeyEvent", type="keyUp", **RIGHT)
+            self.page.ask("Input.dispatchKeyEvent", type="keyUp", **self.key)
+
+    def has_control(self) -> bool:
+        """Whether the page has it; if not, it is asked for."""
+        if "Hold" in str(self.page.value("document.getElementById('jog_words').innerText")):
+            return True
+        self.page.value("pictureNow.control || document.getElementById('control').click()")
+        return False
 
     def _moves(self) -> bool:
-        return bool((self.speed(self.rows()[-40:]) > 0.09).sum() > 20)
+        return bool((np.abs(self.speed(self.rows()[-40:])) > 0.09).sum() > 20)
 
     def rows(self) -> Words:
         return np.array(RingReader(self.folder.rows).take(1 << 20))
@@ -97,16 +108,9 @@ def jogged(folder: Path, browser: Chromium) -> Iterator[Jogged]:
             page.ask("Emulation.setFocusEmulationEnabled", enabled=True)
             until(lambda: page.value("pictureNow.takes"))
             until(lambda: not page.value("document.getElementById('control').disabled"))
-
-            def taken() -> bool:
-                """On a machine so busy that a request comes too late, it is pressed again, as a person does."""
-                if "Hold" in str(page.value("document.getElementById('jog_words').innerText")):
-                    return True
-                page.value("pictureNow.control || document.getElementById('control').click()")
-                return False
-
-            until(taken, pause=2.0, timeout=60)
-            yield Jogged(folder, run, panel, page)
+            made = Jogged(folder, run, panel, page)
+            until(made.has_control, pause=2.0, timeout=60)
+            yield made
     finally:
         run.send_signal(signal.SIGINT)
         output, _ = run.communicate(timeout=60)
@@ -133,7 +137,7 @@ def crashed(jogged: Jogged) -> None:
 
 
 def let_go(jogged: Jogged) -> None:
-    jogged.page.ask("Input.dispatchKeyEvent", type="keyUp", **RIGHT)
+    jogged.page.ask("Input.dispatchKeyEvent", type="keyUp", **jogged.key)
 
 
 @pytest.mark.sampled(2)
@@ -149,7 +153,7 @@ def test_a_held_jog_ends_with_whatever_ends_it(
         finally:
             if end is hung:
                 os.kill(made.panel.pid, signal.SIGCONT)
-        if end is hung:  # what waited is too old, and a key that is still held must be pressed anew
+        if end is hung:  # what waited is too old, and a key that is still held must be pressed again
             until(lambda: made.page.value("pictureNow.condition") == "live")
             seen = made.reader.head
             until(lambda: made.reader.head > seen + 30)
