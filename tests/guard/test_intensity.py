@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf, nan
 from typing import Any
 
@@ -11,9 +12,10 @@ from helpers.guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from srl.drivers.vibration_motors import VibrationMotors, VibrationMotorsConfig
 from srl.runtime.contracts.cue import FELT, Cue
 from srl.runtime.contracts.errors import SrlError, WiringError
-from srl.runtime.contracts.signals import Command, Kind, Limits, Stop
+from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 from srl.runtime.guard import IntensityGuard
 from srl.runtime.guard.intensity import PAUSE, RESERVE, WINDOW
 from srl.runtime.profile import profile, wiring
@@ -293,6 +295,33 @@ def test_a_link_that_stalled_at_a_level_goes_off_first() -> None:
 def test_a_profile_that_says_something_else_is_refused(key: str, value: str, words: str) -> None:
     with pytest.raises(SrlError, match=words):
         wiring.build(*profile.load("third-thumb", ["feedback=cuff", f"{key}={value}"]))
+
+
+@pytest.mark.parametrize(
+    ("options", "home", "words"),
+    [
+        ({"stops": (Stop.HOLD,)}, False, "stops by: hold.*stops=.Stop.OFF"),
+        ({"stops": (Stop.OFF, Stop.HOLD)}, False, "stops by: off, hold"),
+        ({"feedback": "felt"}, False, "has a feedback or a home"),
+        ({}, True, "has a feedback or a home"),
+    ],
+)
+def test_a_driver_whose_intensity_is_more_than_that_is_refused(
+    monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], home: bool, words: str
+) -> None:
+    begin = VibrationMotors.__init__
+
+    def other(self: VibrationMotors, name: str, config: VibrationMotorsConfig) -> None:
+        begin(self, name, config)
+        (command,) = self.commands
+        self.commands = (replace(command, **options),)
+        self.states = (Signal(name="felt", shape=(1,), unit="1"),)
+        if home:
+            self.home["intensity_command"] = np.zeros(1)
+
+    monkeypatch.setattr(VibrationMotors, "__init__", other)
+    with pytest.raises(WiringError, match=words):
+        wiring.build(*profile.load("third-thumb", ["feedback=cuff"]))
 
 
 @pytest.mark.parametrize("key", ["stop_cue", "loss_cue"])
