@@ -9,7 +9,7 @@ import numpy as np
 
 from srl.drivers.transport import Transport
 from srl.drivers.vibration_motors import VibrationMotors
-from srl.sim.devices.firmata.standard_firmata import BOOT, OUTPUT, PINS, StandardFirmata
+from srl.sim.devices.firmata.standard_firmata import BOOT, OUTPUT, PINS, StandardFirmata, Wires
 
 MOTORS: dict[str, dict[str, Any]] = {"wrist": {"pin": 5, "start": 0.25, "full": 0.75}, "elbow": {"pin": 6}}
 STEP = 10_000_000  # ns of a cycle
@@ -20,7 +20,7 @@ def keep(data: bytes) -> bytes:
     return data
 
 
-class MotorBoard(Transport):
+class MotorBoard(Transport, Wires):
     """The link to the board; `heard` and `answered` change what passes in each direction.
 
     Attributes:
@@ -78,18 +78,6 @@ class MotorBoard(Transport):
 
     def duty(self, pin: int, value: int) -> None:
         self.pwm[pin] = value
-
-    def level(self, pin: int, pull_up: bool) -> bool:
-        return pull_up
-
-    def reading(self, pin: int) -> int:
-        return 0
-
-    def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None: ...
-
-    def servo_pulse(self, pin: int, pulse_us: int) -> None: ...
-
-    def servo_detached(self, pin: int) -> None: ...
 
     @property
     def on(self) -> bool:

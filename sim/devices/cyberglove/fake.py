@@ -14,11 +14,11 @@ from srl.drivers.cyberglove.calibration import Calibration
 from srl.drivers.cyberglove.driver import CyberGloveConfig
 from srl.drivers.cyberglove.protocol import LABELS, LABELS_22
 from srl.runtime.contracts.driver import Sensor
-from srl.runtime.contracts.errors import DeviceLostError, ProfileError, nearest
+from srl.runtime.contracts.errors import ProfileError, nearest
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.noise import SampleNoise
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell
+from srl.sim.devices.shared.windows import Windows, inside, lose_while_gone, refuse_while_gone, require_cell
 from srl.sim.parts.hand.human_hand import HumanHandPart
 from srl.sim.wearer.joints import GLOVE_OF_HAND
 
@@ -79,11 +79,7 @@ class FakeCyberGlove(Sensor, Fake):
         self.health.message = "" if self._raw else self.calibration().note
 
     def read(self, now: int) -> None:
-        if not self.health.connected or inside(self._options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated glove is gone", "It comes back at the end of its 'loss' window"
-            )
+        lose_while_gone(self, self._options.loss)
         newest = self.newest()
         if newest < self._last:  # the world was restored: back to what had arrived by then
             self._last = newest - _LOOK_BACK

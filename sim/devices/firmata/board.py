@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import abstractmethod
 
 from srl.runtime.contracts.world import Fake
-from srl.sim.devices.firmata.standard_firmata import BOOT, StandardFirmata
+from srl.sim.devices.firmata.standard_firmata import BOOT, StandardFirmata, Wires
 from srl.sim.devices.shared.serial import SerialTwin
 
 
-class BoardTwin(SerialTwin):
+class BoardTwin(SerialTwin, Wires):
     """A simulated Uno; opening the port resets it.
 
     The board identifies itself after `boot_delay`. What a client sends before that is lost.
@@ -59,20 +59,3 @@ class BoardTwin(SerialTwin):
         return super().metrics() | {
             "messages": dict(self.firmware.seen), "too_long": self.firmware.input.too_long,
         }  # fmt: skip
-
-    # -- the pins; nothing is connected
-
-    def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None:
-        """See `standard_firmata.Wires`, as the others below."""
-
-    def servo_pulse(self, pin: int, pulse_us: int) -> None: ...
-
-    def servo_detached(self, pin: int) -> None: ...
-
-    def duty(self, pin: int, value: int) -> None: ...
-
-    def level(self, pin: int, pull_up: bool) -> bool:
-        return pull_up
-
-    def reading(self, pin: int) -> int:
-        return 0

@@ -15,10 +15,10 @@ from srl.drivers.firmata.analog import FULL, Analog
 from srl.drivers.firmata.config import Calibration, FirmataConfig
 from srl.drivers.firmata.driver import COMMAND
 from srl.runtime.contracts.entry import BaseModel
-from srl.runtime.contracts.errors import DeviceLostError, WiringError, nearest
+from srl.runtime.contracts.errors import WiringError, nearest
 from srl.runtime.contracts.signals import Array, Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell
+from srl.sim.devices.shared.windows import Windows, inside, lose_while_gone, refuse_while_gone, require_cell
 from srl.sim.parts.hand.servos import Servos
 
 _NEUTRAL: Final = 1500  # us, pulse width of an attached servo before its first command
@@ -283,11 +283,7 @@ class FakeFirmata(Fake):
         self.servos.set(targets, frame * ns // per)
 
     def _check(self) -> None:
-        if not self.health.connected or inside(self._options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated board is gone", "It comes back at the end of its 'loss' window"
-            )
+        lose_while_gone(self, self._options.loss)
 
 
 def _settled(presses: Windows, wait: float) -> list[tuple[float, float]]:

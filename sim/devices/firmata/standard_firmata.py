@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
 from srl.sim.devices.firmata.twin_input import Input, Received
 
@@ -29,8 +29,8 @@ FIRMWARE: Final = b"\xf0\x79\x02\x05" + b"".join(bytes((ord(c), 0)) for c in "St
 BOOT: Final = VERSION + FIRMWARE
 
 
-class Wires(Protocol):
-    """What is connected to the board's pins. Pins are Arduino numbers, pulse widths whole microseconds."""
+class Wires:
+    """What is connected to the board's pins; nothing. Pins are Arduino numbers, pulse widths whole microseconds."""
 
     def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None:
         """Called when pulses begin, of width `pulse_us`; from now on the firmware keeps them within the bounds."""
@@ -46,9 +46,11 @@ class Wires(Protocol):
 
     def level(self, pin: int, pull_up: bool) -> bool:
         """The level that a digital input reads."""
+        return pull_up
 
     def reading(self, pin: int) -> int:
         """What an analog input reads, 0 to 1023."""
+        return 0
 
 
 class _Slot:

@@ -12,11 +12,11 @@ from srl.drivers.panda.packets import RobotMode
 from srl.drivers.panda.protocol import Reply, Status
 from srl.drivers.panda.requests import Move
 from srl.drivers.panda.state import Modes, StateReader
-from srl.runtime.contracts.errors import DeviceError, DeviceLostError
+from srl.runtime.contracts.errors import DeviceError
 from srl.runtime.contracts.signals import Stop
 from srl.runtime.contracts.world import Fake, World
 from srl.sim.devices.panda.robot import TICK, FakePandaConfig, PandaRobot
-from srl.sim.devices.shared.windows import inside, refuse_while_gone
+from srl.sim.devices.shared.windows import inside, lose_while_gone, refuse_while_gone
 
 UNWRITTEN: Final = 3  # number of states without `write` after which the driver ends a motion
 _WORDS: Final = {
@@ -183,5 +183,4 @@ class FakePanda(Fake):
             return
         if self.health.connected:
             self.robot.controller.disconnect()
-        self.health.connected = False
-        raise DeviceLostError(self.name, "the simulated robot is gone", "It comes back at the end of its 'loss' window")
+        lose_while_gone(self, self._options.loss)

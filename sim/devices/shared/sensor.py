@@ -10,11 +10,11 @@ from typing import ClassVar, Final, cast
 from pydantic import Field
 
 from srl.runtime.contracts.driver import DeviceConfig
-from srl.runtime.contracts.errors import DeviceLostError, WiringError
+from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Array
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.noise import SampleNoise
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone
+from srl.sim.devices.shared.windows import Windows, lose_while_gone, refuse_while_gone
 from srl.sim.world.cell import Cell
 from srl.sim.world.samples import Samples
 
@@ -117,11 +117,7 @@ class SampledFake(Fake):
 
     def check_there(self) -> None:
         """Raises DeviceLostError while the device isn't open, or is gone; `read` does it, and `write` must."""
-        if not self.health.connected or inside(self._sensor_options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated device is gone", "It comes back at the end of its 'loss' window"
-            )
+        lose_while_gone(self, self._sensor_options.loss)
 
     # -- the sensor itself, used by the fake and the twin
 

@@ -10,12 +10,11 @@ from pydantic import Field
 
 from srl.drivers.servo_bus.faults import BEYOND, FAR, Faults
 from srl.drivers.servo_bus.units import VOLT, Units
-from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Array, Kind
 from srl.runtime.contracts.world import Fake, FakeConfig, World
 from srl.sim.devices.shared.noise import SampleNoise
 from srl.sim.devices.shared.servo_chain import numbers
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell
+from srl.sim.devices.shared.windows import Windows, lose_while_gone, refuse_while_gone, require_cell
 from srl.sim.parts.servo_bus.chain import ServoChain
 from srl.sim.parts.servo_bus.motors import Motors
 
@@ -176,8 +175,4 @@ class FakeServos(Fake):
         return time // 1_000_000
 
     def _check(self) -> None:
-        if not self.health.connected or inside(self._options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated bus is gone", "It comes back at the end of its 'loss' window"
-            )
+        lose_while_gone(self, self._options.loss)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from srl.runtime.contracts.errors import DeviceError, WiringError
+from srl.runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from srl.runtime.contracts.world import Fake, World
 from srl.sim.world.cell import Cell
 
@@ -51,6 +51,14 @@ def refuse_while_gone(name: str, loss: Windows, at: int) -> None:
     """Raises `DeviceError` while the device is gone."""
     if inside(loss, at):
         raise DeviceError(name, "the simulated device doesn't answer", "It comes back at the end of its 'loss' window")
+
+
+def lose_while_gone(fake: Fake, loss: Windows) -> None:
+    """Raises `DeviceLostError` where the device isn't open, or is gone in one of the windows (s of world time)."""
+    if fake.health.connected and not inside(loss, fake.world.time):
+        return
+    fake.health.connected = False
+    raise DeviceLostError(fake.name, "the simulated device is gone", "It comes back at the end of its 'loss' window")
 
 
 def require_cell(world: World, name: str) -> Cell:

@@ -10,7 +10,7 @@ from srl.drivers.vibration_motors.driver import COMMAND
 from srl.runtime.contracts.errors import DeviceLostError
 from srl.runtime.contracts.signals import Stop
 from srl.runtime.contracts.world import Fake, FakeConfig, World
-from srl.sim.devices.shared.windows import Windows, inside, refuse_while_gone
+from srl.sim.devices.shared.windows import Windows, lose_while_gone, refuse_while_gone
 from srl.sim.devices.vibration_motors.felt import FeltMotor
 
 
@@ -81,9 +81,8 @@ class FakeVibrationMotors(Fake):
         }
 
     def _check(self) -> None:
-        if not self.health.connected or inside(self._options.loss, self.world.time):
-            self.health.connected = False
+        try:
+            lose_while_gone(self, self._options.loss)
+        except DeviceLostError:
             self.off()
-            raise DeviceLostError(
-                self.name, "the simulated board is gone", "It comes back at the end of its 'loss' window"
-            )
+            raise

@@ -8,13 +8,13 @@ import pytest
 from simavr.board import Board
 
 from srl.drivers.firmata.protocol import Decoder, DigitalPort, Message
-from srl.sim.devices.firmata.standard_firmata import StandardFirmata
+from srl.sim.devices.firmata.standard_firmata import StandardFirmata, Wires
 
 SCRIPTS = 60
 USED = (2, 3, 6, 9, 10, 11, 14, 18, 0, 22)  # pins
 
 
-class Wires:
+class Remembered(Wires):
     """Nothing but pull-ups and remembered pulse widths."""
 
     def __init__(self) -> None:
@@ -28,15 +28,6 @@ class Wires:
 
     def servo_detached(self, pin: int) -> None:
         self.pulses.pop(pin, None)
-
-    def duty(self, pin: int, value: int) -> None:
-        pass
-
-    def level(self, pin: int, pull_up: bool) -> bool:
-        return pull_up
-
-    def reading(self, pin: int) -> int:
-        return 0
 
 
 def script(rng: random.Random) -> bytes:
@@ -103,7 +94,7 @@ def split(messages: list[Message], ports: dict[int, int]) -> list[Message]:
 @pytest.mark.slow
 def test_answers_and_pulses_are_the_real_firmware_s(tmp_path):
     rng = random.Random(20)
-    wires = Wires()
+    wires = Remembered()
     twin = StandardFirmata(wires)
     pulses = 0
     reported, heard = Decoder(), Decoder()
