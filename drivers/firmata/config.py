@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Self
 
@@ -161,6 +162,15 @@ class AnalogConfig(BaseModel):
         return self
 
 
+def once(pins: Iterable[tuple[str, int]]) -> None:
+    """Raises ValueError: two of the named parts have the same pin."""
+    taken: dict[int, str] = {}
+    for name, pin in pins:
+        if pin in taken:
+            raise ValueError(f"pin {pin} is used twice, by {taken[pin]} and {name}")
+        taken[pin] = name
+
+
 class FirmataConfig(DeviceConfig):
     """A board with servos, buttons, analog inputs. The arrays have the order of `servos`, `buttons` and `analog`."""
 
@@ -197,12 +207,8 @@ class FirmataConfig(DeviceConfig):
     def _something_on_each_pin(self) -> Self:
         if not self.servos and not self.buttons and not self.analog:
             raise ValueError("the board has neither servos nor buttons nor analog inputs; name at least one")
-        taken: dict[int, str] = {}
         pins = [(name, servo.pin) for name, servo in self.servos.items()]
         pins += [(name, button.pin) for name, button in self.buttons.items()]
         pins += [(name, analog.pin) for name, analog in self.analog.items()]
-        for name, pin in pins:
-            if pin in taken:
-                raise ValueError(f"pin {pin} is used twice, by {taken[pin]} and {name}")
-            taken[pin] = name
+        once(pins)
         return self

@@ -6,6 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
+from srl.drivers.firmata.config import once
 from srl.runtime.contracts.driver import DeviceConfig
 from srl.runtime.contracts.entry import BaseModel
 
@@ -56,9 +57,5 @@ class VibrationMotorsConfig(DeviceConfig):
 
     @model_validator(mode="after")
     def _one_on_each_pin(self) -> Self:
-        taken: dict[int, str] = {}
-        for name, motor in self.motors.items():
-            if motor.pin in taken:
-                raise ValueError(f"pin {motor.pin} is used twice, by {taken[motor.pin]} and {name}")
-            taken[motor.pin] = name
+        once((name, motor.pin) for name, motor in self.motors.items())
         return self

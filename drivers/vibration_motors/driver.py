@@ -2,8 +2,8 @@
 
 Firmata acknowledges nothing, and has neither a checksum nor a watchdog. So the board is asked what its pins are doing,
 one question at a time, and what it doesn't confirm is sent again, whole. A question ends with a query of a pin that no
-board has: the board says that pin's number again, so its answers are told apart, however late. A sample is a
-confirmation, and as old as its question: a board that isn't heard, or restarts unnoticed, becomes stale. A new duty
+board has: the board says that pin's number again, so each answer is matched to its question, however late. A sample is
+a confirmation, and as old as its question: a board that isn't heard, or restarts unnoticed, becomes stale. A new duty
 waits for no answer.
 """
 
@@ -75,14 +75,13 @@ class VibrationMotors(Driver):
     def _forget(self) -> None:
         self._decoder = Decoder()
         self._now = self._sent_at = self._asked_at = 0  # ns; of this cycle, of the newest frame and question
-        self._commanded: list[tuple[int, int]] = [_OFF] * len(self._motors)  # mode and state of each pin, newest frame
+        self._commanded: list[tuple[int, int]] = self._low  # mode and state of each pin, newest frame
         self._asked: dict[int, tuple[list[tuple[int, int]], int]] = {}  # by mark: what the pins should do; when
         self._questions = 0
         self._waiting = False  # for the answer to the newest question
         self._reported: dict[int, tuple[int, int]] = {}  # by pin, since the last mark
         self._confirmed = True  # the newest frame is
         self._doubtful = False  # an answer was wrong or is missing: pins may have lost their modes
-        self._driving = False  # the pins were given duties since they were off
         self._wrong_since = -1  # ns, of the first of the answers in a row that were others; -1: the newest was right
         self._wrong = 0  # answers that were others, or damaged
 
@@ -113,7 +112,7 @@ class VibrationMotors(Driver):
                 self._take(message)
             if self._waiting and now - self._asked_at >= ANSWER:
                 self._waiting, self._doubtful = False, True
-            if not self._driving and now - self._sent_at >= REPEAT:
+            if self._commanded == self._low and now - self._sent_at >= REPEAT:
                 self._send(link, b"" if self._confirmed and not self._doubtful else self._off, self._low)
         except DeviceLostError:
             self.health.connected, self._was_lost = False, True
@@ -133,21 +132,20 @@ class VibrationMotors(Driver):
         if wanted == self._commanded and now - self._sent_at < REPEAT and (self._waiting or not unsure):
             link.write(b"")  # the rest of a frame that the kernel took in part
             return
-        frame = b"" if self._driving and not self._doubtful else protocol.END_SYSEX + self._modes
+        frame = b"" if self._commanded != self._low and not self._doubtful else protocol.END_SYSEX + self._modes
         frame += b"".join(
             protocol.analog_write(motor.pin, duty) for motor, (_, duty) in zip(self._motors, wanted, strict=True)
         )
         self.health.unsent = len(frame)
         if self._send(link, frame, wanted):
-            self._driving, self.health.unsent = True, 0
+            self.health.unsent = 0
             self.sent_arrays[COMMAND][:] = np.clip(np.nan_to_num(values), 0.0, 1.0)
 
     def stop(self, category: Stop) -> None:
         """Off, again and again for as long as it is called."""
-        if self._link is not None and (self._driving or self._now - self._sent_at >= REPEAT):
+        if self._link is not None and (self._commanded != self._low or self._now - self._sent_at >= REPEAT):
             with contextlib.suppress(DeviceError):  # the next read reports a lost link
-                if self._send(self._link, self._off, self._low):
-                    self._driving = False
+                self._send(self._link, self._off, self._low)
 
     def close(self) -> None:
         """Off."""
