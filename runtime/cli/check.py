@@ -10,7 +10,6 @@ from dataclasses import asdict
 from typing import Any
 
 from srl.runtime.cli import add_command, calibrations, options, show
-from srl.runtime.guard import GUARDS
 from srl.runtime.profile import code_files, library, profile, start_mode, wiring
 from srl.runtime.profile.connections import connections, transforms, untaken
 from srl.runtime.profile.graph import Graph
@@ -147,14 +146,11 @@ def check_guards(graph: Graph) -> dict[str, str]:
 
     What a device then gives as its own narrows a limit, and takes the place of none.
     """
-    from srl.runtime.loop.guards import limits_of
+    from srl.runtime.loop.guards import limits_of, unbound
 
     categories, limits = {}, limits_of(graph)
     for actuator in graph.actuators:
-        guard = GUARDS[actuator.command.kind](
-            graph.source.place(f"guard.{actuator.name}"), actuator.command, limits[actuator.name],
-            float(1 / graph.profile.rate), rest=actuator.home,
-        )  # fmt: skip
+        guard = unbound(graph, actuator, limits[actuator.name])
         if actuator.cleared is not None:
             guard.check_stroke(actuator.cleared.clearance, known=False)
         categories[actuator.name] = str(actuator.category)

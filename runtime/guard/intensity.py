@@ -6,7 +6,7 @@ from math import exp, isfinite
 
 import numpy as np
 
-from srl.runtime.contracts.cue import Cue
+from srl.runtime.contracts.cue import FELT, Cue
 from srl.runtime.contracts.errors import WiringError
 from srl.runtime.contracts.signals import Array, Limits, Stop
 from srl.runtime.guard.base import LARGEST, CommandGuard
@@ -49,6 +49,23 @@ class IntensityGuard(CommandGuard):
         self._mean, self._had = [0.0] * self.size, [0.0] * self.size  # _had: since the last cycle, as it was applied
         self._cue: Cue | None = None
         self._since = 0.0  # s since the stop began
+
+    def take_cues(self, stop: Cue | None, loss: Cue | None) -> None:
+        """The cues of the profile; None for none.
+
+        Raises:
+            WiringError: one of them wouldn't be felt pulse for pulse, in these cycles or within these limits.
+        """
+        for place, cue in ((f"{self.place}.stop_cue", stop), (f"{self.place}.loss_cue", loss)):
+            if cue is None:
+                continue
+            if problem := cue.too_short(self.dt):
+                raise WiringError(place, problem, f"Give `on` and `off` {2 * self.dt:g} s at least")
+            reached = min(cue.level, *self._most, *(rate * cue.on for rate in self._rise))
+            if reached < FELT:
+                problem = f"its pulses reach {reached:g} of full intensity, too little to feel; {FELT:g} is the least"
+                raise WiringError(place, problem, f"Raise the level or level_rate of {self.place}")
+        self.stop_cue, self.loss_cue = stop, loss
 
     def announce(self, loss: bool) -> None:
         """The limb begins to stop; `loss`: as what it follows is lost."""

@@ -49,15 +49,24 @@ def make_guards(graph: Graph, limits: Mapping[str, Limits]) -> list[CommandGuard
     return [_make_guard(graph, a, limits[a.name]) for a in graph.actuators]
 
 
-def _make_guard(graph: Graph, a: Actuator, limits: Limits) -> CommandGuard:
-    profile = graph.profile
-    entry = profile.guard.get(a.name)
+def unbound(graph: Graph, a: Actuator, limits: Limits) -> CommandGuard:
+    """The guard of a command, not yet bound to the row.
+
+    Raises:
+        WiringError: these limits, or the profile's cues with them, can't be.
+    """
+    entry = graph.profile.guard.get(a.name)
     place = graph.source.place(f"guard.{a.name}")
     tolerance = entry.tolerance if entry is not None else 1e-3
-    make, dt = GUARDS[a.command.kind], float(1 / profile.rate)
+    make, dt = GUARDS[a.command.kind], float(1 / graph.profile.rate)
     guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
     if isinstance(guard, IntensityGuard) and entry is not None:
-        guard.stop_cue, guard.loss_cue = entry.stop_cue, entry.loss_cue
+        guard.take_cues(entry.stop_cue, entry.loss_cue)
+    return guard
+
+
+def _make_guard(graph: Graph, a: Actuator, limits: Limits) -> CommandGuard:
+    guard = unbound(graph, a, limits)
     guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
     if a.cleared is not None:
         cleared = a.cleared

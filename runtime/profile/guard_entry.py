@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from srl.runtime.contracts.cue import FELT, Cue
+from srl.runtime.contracts.cue import Cue
 from srl.runtime.contracts.entry import BaseModel
 from srl.runtime.contracts.errors import OptionError, WiringError
 from srl.runtime.contracts.per_element import NotNegative, Positive, in_order
@@ -60,13 +59,6 @@ class FollowingEntry(BaseModel):
     timeout: float = Field(0.5, ge=0.02, le=60, description="s that an error beyond the window may last")
 
 
-def least(given: float | list[float] | dict[str, float] | None, otherwise: float) -> float:
-    """The least of a limit's values."""
-    if isinstance(given, dict | list):
-        return min(given.values() if isinstance(given, dict) else given, default=otherwise)
-    return otherwise if given is None else given
-
-
 class GuardEntry(GuardLimits):
     """`guard.<command>`."""
 
@@ -83,26 +75,14 @@ class GuardEntry(GuardLimits):
             return given
         raise OptionError(f"{given!r} isn't a following error", "Give {window: ..., timeout: ...}, or off: no check")
 
-    def check(self, command: Command, place: str, dt: float) -> None:
-        """Raises WiringError: it says what such a command hasn't, or can't be in cycles of `dt` s.
-
-        `place` is that of this entry.
-        """
+    def check(self, command: Command, place: str) -> None:
+        """Raises WiringError: it says what such a command hasn't, or can't be; `place` is that of this entry."""
         self.window(command, place)
         felt = command.kind is Kind.INTENSITY
         if not felt and (self.stop_cue or self.loss_cue):
             raise WiringError(place, f"a command of kind {command.kind} gives no cues", "Give them to an intensity")
         if felt and "following_error" in self.model_fields_set:
             raise WiringError(f"{place}.following_error", "nothing measures what is felt", "Take it out")
-        for key in ("stop_cue", "loss_cue"):
-            if (cue := getattr(self, key)) is None:
-                continue
-            if problem := cue.too_short(dt):
-                raise WiringError(f"{place}.{key}", problem, f"Give `on` and `off` {2 * dt:g} s at least")
-            level, rate = (least(getattr(self, name), inf) for name in ("level", "level_rate"))
-            if (reached := min(cue.level, level, rate * cue.on)) < FELT:
-                problem = f"its pulses reach {reached:g} of full intensity, too little to feel; {FELT:g} is the least"
-                raise WiringError(f"{place}.{key}", problem, f"Raise level or level_rate of {place}")
 
     def window(self, command: Command, place: str) -> Array | None:
         """(size,): the window of the following error; None: the profile gives none, or it is `off`.

@@ -241,7 +241,7 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver], cleared: dict[st
         place = b.source.place(f"guard.{name}")
         if name not in commands:
             raise WiringError(place, f"no command is called '{name}'", nearest(name, commands))
-        entry.check(commands[name], place, 1 / float(b.profile.rate))
+        entry.check(commands[name], place)
     switches.check(b, devices)
     measured_frames.check_signals(b)
 

@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from srl.drivers.vibration_motors import VibrationMotors, VibrationMotorsConfig
+from srl.runtime.cli.check import check_guards
 from srl.runtime.contracts.cue import FELT, Cue
 from srl.runtime.contracts.errors import SrlError, WiringError
 from srl.runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 from srl.runtime.guard import IntensityGuard
-from srl.runtime.guard.intensity import PAUSE, RESERVE, WINDOW
+from srl.runtime.guard.intensity import LEAD, PAUSE, RESERVE, WINDOW
 from srl.runtime.profile import profile, wiring
-from srl.runtime.profile.guard_entry import GuardEntry
 from srl.sim.devices.vibration_motors.felt import FeltMotor
 
 DT = 0.01
@@ -222,21 +222,20 @@ def test_each_pulse_of_any_allowed_cue_is_felt_after_any_contact_and_any_stops(
     cue: Cue, duty: float, level: float, rate: float, before: float, stops: int
 ) -> None:
     dt = 0.01
+    guard, motor, now = felt(level=level, level_rate=rate, duty=duty, on_time=20.0), FeltMotor(0.0, 1.0, 0.1), 0
     try:
-        entry = GuardEntry.model_validate({"level": level, "level_rate": rate, "stop_cue": cue})
-        entry.check(Command(name="it", shape=(1,), unit="1", kind=Kind.INTENSITY, stops=(Stop.OFF,)), "guard.it", dt)
+        guard.take_cues(cue, None)
     except WiringError:
         return
-    guard, motor, now = felt(level=level, level_rate=rate, duty=duty, on_time=20.0), FeltMotor(0.0, 1.0, 0.1), 0
-    guard.stop_cue = cue
     for _ in range(round(before / dt)):
         motor.drive(step(guard, 1.0), now)
         now += round(dt * 1e9)
     for _ in range(stops):
-        had = motor.felt
-        for each in stopped(guard, loss=False, seconds=5.0):
+        for k, each in enumerate(stopped(guard, loss=False, seconds=5.0)):
             motor.drive(each, now)
             now += round(dt * 1e9)
+            if k == round(LEAD / dt) - 1:  # a contact that had just begun is felt until here
+                had = motor.felt
         motor.vibration(now)
         assert motor.felt - had == cue.pulses
         guard.reset(np.zeros(1))
@@ -324,24 +323,28 @@ def test_a_driver_whose_intensity_is_more_than_that_is_refused(
         wiring.build(*profile.load("third-thumb", ["feedback=cuff"]))
 
 
-@pytest.mark.parametrize("key", ["stop_cue", "loss_cue"])
-def test_a_cue_that_is_too_short_for_the_cycles_is_refused(key: str) -> None:
-    command = Command(name="it", shape=(1,), unit="1", kind=Kind.INTENSITY, stops=(Stop.OFF,))
-    entry = GuardEntry.model_validate({key: {"on": 0.1}})
-    entry.check(command, "guard.it", 0.05)
-    with pytest.raises(WiringError, match=f"guard.it.{key}.*0.1 s is less than two cycles of 0.06 s"):
-        entry.check(command, "guard.it", 0.06)
-
-
 @pytest.mark.parametrize(
-    ("limits", "reached"),
-    [({"level": 0.2}, "0.2"), ({"level_rate": 1.0}, "0.15"), ({"level": {"a": 1.0, "b": 0.1}}, "0.1")],
+    ("rate", "limits", "words"),
+    [
+        (16, {}, "0.1 s is less than two cycles of 0.0625 s"),
+        (100, {"level": 0.2}, "reach 0.2 of full intensity"),
+        (100, {"level_rate": 1.0}, "reach 0.1 of full intensity"),
+        (100, {"level": {"wrist": 0.1}}, "reach 0.1 of full intensity"),
+    ],
 )
-def test_a_cue_that_may_not_be_felt_is_refused(limits: dict[str, Any], reached: str) -> None:
-    command = Command(name="it", shape=(1,), unit="1", kind=Kind.INTENSITY, stops=(Stop.OFF,))
-    entry = GuardEntry.model_validate({"stop_cue": {}} | limits)
-    with pytest.raises(WiringError, match=f"guard.it.stop_cue.*reach {reached} of full intensity"):
-        entry.check(command, "guard.it", 0.01)
+@pytest.mark.parametrize("key", ["stop_cue", "loss_cue"])
+def test_a_cue_that_may_not_be_felt_is_refused(key: str, rate: int, limits: dict[str, Any], words: str) -> None:
+    entry = "guard.cuff.intensity_command"
+    given = ["feedback=cuff", f"rate={rate}", f"{entry}.stop_cue=null", f"{entry}.loss_cue=null"]
+    given += [f"{entry}.{key}={{on: 0.1}}", *(f"{entry}.{name}={value}" for name, value in limits.items())]
+    graph = wiring.build(*profile.load("third-thumb", given))
+    with pytest.raises(WiringError, match=f"{entry}.{key}.*{words}"):
+        check_guards(graph)
+
+
+def test_a_driver_whose_own_limits_hide_a_cue_is_refused() -> None:
+    with pytest.raises(WiringError, match=r"stop_cue.*reach 0.25 of full intensity"):
+        felt(level=0.25).take_cues(Cue(), None)
 
 
 @pytest.mark.parametrize(("name", "value"), [("duty", 2.0), ("duty", 0.1), ("level", 255.0)])
